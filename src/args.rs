@@ -10,11 +10,12 @@ mod compare;
 mod demo;
 mod depth;
 mod depth_report;
+mod design;
 mod develop;
 mod device;
 pub mod engine;
 mod export;
-mod help;
+pub mod help;
 mod import;
 mod lens;
 mod manual;
@@ -41,15 +42,12 @@ pub use depth::{
     CoverageLight, DEPTH_TOLERANCE, DepthArgs, DepthEdges, DepthKind, DepthMiss, DepthUnit, NO_HIDDEN,
 };
 pub use depth_report::DepthReportArgs;
+pub use design::{DESIGN_FILES, DesignArgs, ImagePlaneArg};
 pub use develop::{DevelopArgs, DevelopStyle, ToneArg};
 pub use device::{Device, DeviceArgs, DeviceCommand, EngineArg};
 pub use export::{ExportArgs, ExportFormatArg};
-pub use help::command;
 pub use import::ImportArgs;
-pub use lens::{
-    ConvertArgs, DESIGN_FILES, DesignArgs, DiffArgs, ImagePlaneArg, LensArgs, LensCommand, ListArgs,
-    ShowArgs, Store, TraceArgs,
-};
+pub use lens::{ConvertArgs, DiffArgs, LensArgs, LensCommand, ListArgs, ShowArgs, Store, TraceArgs};
 pub use manual::{CompletionsArgs, HelpArgs, ManArgs};
 pub use measure::MeasureArgs;
 pub use placement::{FitArg, PlacementArgs};

@@ -50,17 +50,3 @@ impl Developer {
         Ok(self.development.develop(&raw, self.shading.with(&flat), part))
     }
 }
-
-/// A development without options.
-pub fn plain_style() -> DevelopStyle {
-    DevelopStyle {
-        white: None,
-        demosaic: None,
-        bin: 1,
-        matrix: "fitted".into(),
-        shading: "none".into(),
-        exposure: 0.0,
-        tone: None,
-        depth: None,
-    }
-}

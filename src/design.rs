@@ -64,16 +64,16 @@ pub fn open(name: &str, args: &DesignArgs) -> Result<System> {
     Ok(open_file(name, args)?.0)
 }
 
-/// As [`open`], with the film in focus at `focus_m` m from the entrance pupil by the rule of `--image-plane`; `None`: as [`open`].
+/// As [`open_file`], with the film in focus at `focus_m` m from the entrance pupil by the rule of `--image-plane`; `None`: as [`open_file`].
 ///
 /// # Errors
-/// As [`open`]; a distance that cannot be focused.
-pub fn focused(name: &str, args: &DesignArgs, focus_m: Option<f64>) -> Result<System> {
-    let Some(focus_m) = focus_m else { return open(name, args) };
+/// As [`open_file`]; a distance that cannot be focused.
+pub fn focused(name: &str, args: &DesignArgs, focus_m: Option<f64>) -> Result<(System, Option<DesignFile>)> {
+    let Some(focus_m) = focus_m else { return open_file(name, args) };
     let as_designed = DesignArgs { image_plane: ImagePlaneArg::Design, defocus_mm: 0.0, ..args.clone() };
-    let system = open(name, &as_designed)?;
+    let (system, file) = open_file(name, &as_designed)?;
     let focused = system.focused_at(1.0 / focus_m, image_plane(args, &system), args.defocus_mm);
-    focused.with_context(|| format!("focusing {name} at {focus_m} m"))
+    Ok((focused.with_context(|| format!("focusing {name} at {focus_m} m"))?, file))
 }
 
 /// As [`open`], but with the ray aiming that the design states unless `args` has another: for writing it to a file.

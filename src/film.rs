@@ -10,6 +10,7 @@ use anyhow::{Result, bail};
 use formats::durable::{Lock, Store, fault_point, link_target, parent_of, sweep_entries};
 use formats::film::{FilmSpec, FilmStore};
 use formats::group::{GroupError, JobGroup};
+use formats::object;
 use serde_json::{Map, Value, json};
 use std::collections::BTreeSet;
 use std::path::Path;
@@ -234,7 +235,7 @@ fn provenance(job: &Job) -> Map<String, Value> {
             })
         })
         .collect();
-    let value = json!({
+    let mut map = object! {
         "program": concat!("lenscube ", env!("CARGO_PKG_VERSION")),
         "job_digest": digest(&identity),
         "job": identity,
@@ -242,21 +243,16 @@ fn provenance(job: &Job) -> Map<String, Value> {
         "layout_digest": digest(&layout),
         "layout": layout,
         "engine": job.engine.to_string(),
-        "lens": {
+        "lens": json!({
             "name": lens.name,
             "f_number": lens.f_number,
             "effective_focal_length_mm": lens.effective_focal_length_mm,
             "distortion_focal_length_mm": lens.distortion_focal_length_mm,
-        },
+        }),
         "bands": bands,
-    });
-    match value {
-        Value::Object(mut map) => {
-            if let Some(light) = job.chart.light() {
-                map.insert("light".into(), light.into());
-            }
-            map
-        }
-        _ => unreachable!("an object is written above"),
+    };
+    if let Some(light) = job.chart.light() {
+        map.insert("light".into(), light.into());
     }
+    map
 }

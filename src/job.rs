@@ -14,11 +14,13 @@ mod bands;
 pub mod cost;
 mod coverage;
 pub mod depth;
+mod field_height;
 mod film;
 pub mod film_engine;
 mod frame;
 mod identity;
 mod inputs;
+mod keys;
 pub mod lens;
 mod light;
 pub mod light_units;
@@ -29,10 +31,11 @@ mod resources;
 pub mod stages;
 pub mod stretch;
 
-pub use arguments::{default_options, threads};
+pub use arguments::default_options;
 pub use bands::PlannedBands;
-pub use identity::{Contents, DIGEST, MTIMES, argument, contents, numeric_version};
+pub use identity::{Contents, contents, numeric_version};
 pub use inputs::chosen_bands;
+pub use keys::{DIGEST, MTIMES, argument};
 
 use crate::args::engine::Engine;
 use crate::args::{Device, RunArgs};

@@ -1,20 +1,51 @@
-//! Memory of this machine and of this process, as the system reports it.
+//! Cores and memory of this machine, and memory of this process, as the system reports it.
 
 mod cgroup;
 
+use crate::failure::usage;
 use crate::progress::mib;
 use cgroup::GroupMemory;
 use std::ffi::OsString;
+use std::fmt::Display;
 use std::path::{Path, PathBuf};
 
 /// The largest default limit.
-const MAX_DEFAULT: u64 = 4 << 30;
+pub const MAX_DEFAULT: u64 = 4 << 30;
 /// Available memory where the system does not report it.
 const UNKNOWN: u64 = 4 << 30;
+
+/// Worker threads: as given, else all cores.
+pub fn threads(given: Option<usize>) -> usize {
+    given.unwrap_or_else(|| std::thread::available_parallelism().map_or(1, usize::from))
+}
 
 /// Half of the available memory, at most 4 GiB.
 pub fn default_limit() -> u64 {
     (available().map_or(UNKNOWN, |(bytes, _)| bytes) / 2).min(MAX_DEFAULT)
+}
+
+/// A limit of memory: that of `--memory`, or the default.
+#[derive(Clone, Copy, Debug)]
+pub struct MemoryLimit {
+    /// The limit.
+    pub bytes: u64,
+    is_given: bool,
+}
+
+impl MemoryLimit {
+    /// The limit `given` by `--memory`, else at most `max_default` bytes.
+    pub fn new(given: Option<u64>, max_default: u64) -> Self {
+        Self { bytes: given.unwrap_or_else(|| default_limit().min(max_default)), is_given: given.is_some() }
+    }
+
+    /// A usage error: the limit is too small, because of `why`.
+    pub fn too_small(&self, why: impl Display) -> anyhow::Error {
+        let limit = mib(usize::try_from(self.bytes).unwrap_or(usize::MAX));
+        usage(match self.is_given {
+            true => format!("--memory {limit} is too small: {why}"),
+            false => format!("the default of --memory, {limit} on this machine now, is too small: {why}"),
+        })
+    }
 }
 
 /// Memory that this process can have, bytes, and what limits it: the machine, a control group (of a container or a batch job), or the size of its

@@ -45,7 +45,7 @@ fn main() -> ExitCode {
 
 /// The arguments `words`, of which the first is the program.
 fn parsed(words: impl IntoIterator<Item = OsString>) -> Result<(Cli, ArgMatches), clap::Error> {
-    let matches = args::command().try_get_matches_from(words)?;
+    let matches = args::help::command().try_get_matches_from(words)?;
     Ok((Cli::from_arg_matches(&matches)?, matches))
 }
 

@@ -396,6 +396,10 @@ fn memory_is_planned_within_the_limit_of_the_address_space() {
     assert!(ran.stdout.contains("left of the address space (ulimit -v)"), "{}", ran.stdout);
     // Too little for the job is one error, and nothing is written.
     let words = [&[large, text(&out)], &lens[..]].concat();
-    check(&limited(400_000, &words), USAGE, &["--memory ", "is too small", "raise the limit"]);
+    // Nobody gave a limit: the message is about the default.
+    let default = ["the default of --memory, ", "is too small", "raise the limit"];
+    check(&limited(400_000, &words), USAGE, &default);
+    let given = [&words[..], &["--memory", "105MiB"]].concat();
+    check(&limited(400_000, &given), USAGE, &["--memory 105MiB is too small", "raise the limit"]);
     assert!(!out.exists());
 }

@@ -80,7 +80,11 @@ fn chart_scale_is_noted_and_gives_another_job() {
     let films = Films::new();
     let chart = "pictures/png16";
     let ran = films.run(chart, &[]).ok();
-    assert!(ran.stderr.contains("integers: values are multiplied by 1 (--chart-scale)"), "{}", ran.stderr);
+    assert!(
+        ran.stderr.contains("integers, whose values are used as they are; --chart-scale"),
+        "{}",
+        ran.stderr
+    );
     assert!(ran.stderr.contains("scene_400nm.png (400 nm)"), "{}", ran.stderr);
     let one = pixels(&films.film(chart), "film").1;
     assert_error_line(&films.run(chart, &["--chart-scale", "0.25"]), 3, &["another job", "chart"]);
@@ -91,6 +95,17 @@ fn chart_scale_is_noted_and_gives_another_job() {
         assert!((a * 0.25 - b).abs() <= 1e-4, "{a} {b}");
     }
     assert_exit(&films.run(chart, &["--chart-scale", "0"]), 2, &["--chart-scale"]);
+}
+
+#[test]
+fn integers_with_a_scale_of_their_own_have_one_note_on_it() {
+    let films = Films::new();
+    for chart in ["hdf5/packed.nc//radiance", "pictures/gdal/scaled.tif"] {
+        let ran = films.run(chart, &[]).ok();
+        assert!(!ran.stderr.contains("--chart-scale"), "{chart}: {}", ran.stderr);
+        let ran = films.run(chart, &["--chart-scale", "0.5", "--overwrite"]).ok();
+        assert!(ran.stderr.contains("multiplied by 0.5 (--chart-scale)"), "{chart}: {}", ran.stderr);
+    }
 }
 
 #[test]

@@ -8,6 +8,8 @@ use common::test_job::TestJob;
 use common::{CommandResult, Picture, files, text};
 use pipeline::geometry::Size;
 use std::collections::BTreeMap;
+use std::os::unix::fs::symlink;
+use std::os::unix::net::UnixListener;
 use std::path::{Path, PathBuf};
 use std::process::{Command, Stdio};
 use std::time::{Duration, Instant};
@@ -208,6 +210,32 @@ fn fifo_as_lock_file_is_an_error_without_blocking() {
     assert!(start.elapsed() < Duration::from_secs(60));
     std::fs::remove_file(&lock).unwrap();
     job.run("", &[]).ok();
+}
+
+#[test]
+fn devices_fifos_and_sockets_are_not_replaced() {
+    let dir = tempfile::tempdir().unwrap();
+    let at = |name: &str| dir.path().join(name);
+    lenscube("", &["chart", "uniform?size=8", text(&at("chart.zarr"))]).ok();
+    assert!(Command::new("mkfifo").arg(at("fifo.npy")).status().unwrap().success());
+    let _listener = UnixListener::bind(at("socket.npy")).unwrap();
+    let mut kinds = vec![("fifo.npy", "a FIFO or pipe"), ("socket.npy", "a socket")];
+    // A node of its own with the numbers of /dev/null, which only root can make.
+    if Command::new("mknod").arg(at("device.npy")).args(["c", "1", "3"]).output().unwrap().status.success() {
+        kinds.push(("device.npy", "a device"));
+    }
+    for (name, kind) in kinds {
+        let before = at(name).metadata().unwrap().file_type();
+        symlink(at(name), at("link.npy")).unwrap();
+        for path in [at(name), at("link.npy")] {
+            let ran = lenscube("", &["export", text(&at("chart.zarr")), text(&path), "--overwrite"]);
+            assert_eq!(ran.code, 2, "{}", ran.stderr);
+            let expected = format!("OUT {} is {kind}, which would be replaced by a file", path.display());
+            assert!(ran.stderr.contains(&expected), "{}", ran.stderr);
+        }
+        std::fs::remove_file(at("link.npy")).unwrap();
+        assert_eq!(at(name).metadata().unwrap().file_type(), before);
+    }
 }
 
 #[test]

@@ -41,7 +41,7 @@ mod verify;
 
 pub use crate::shard::{Codec, SampleType};
 pub use shards::EncodedShard;
-pub use spec::{FilmOutput, FilmSpec};
+pub use spec::FilmSpec;
 pub use store::FilmStore;
 
 #[cfg(test)]

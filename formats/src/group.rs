@@ -12,6 +12,7 @@
 
 mod derived;
 mod error;
+mod output;
 mod removal;
 mod verify;
 
@@ -26,6 +27,7 @@ use crate::hierarchy::NewGroup;
 
 pub(crate) use derived::{Derived, OME, PYRAMID_GROUP, metadata_key};
 pub use error::{Found, GroupError};
+pub use output::Output;
 pub(crate) use removal::ENGINE_EXTENSION;
 pub(crate) use verify::ShardFile;
 pub use verify::{Finding, VerifyReport};

@@ -46,6 +46,7 @@ pub mod import;
 mod inflate;
 pub mod lens;
 mod npy;
+mod object;
 pub mod parallel;
 pub mod picture;
 pub mod pyramid;

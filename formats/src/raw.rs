@@ -16,7 +16,7 @@ use pipeline::geometry::Rect;
 use serde_json::{Map, Value};
 
 pub use mosaic::{Period, halve_mosaic, mosaic_below};
-pub use spec::{RawOutput, RawSpec};
+pub use spec::RawSpec;
 
 use crate::group::{GroupError, GroupKind, JobGroup, ShardFile, VerifyReport};
 use crate::parallel::Progress;

@@ -91,6 +91,7 @@ pub mod figures;
 pub mod flow;
 pub mod geometry;
 pub mod lens;
+pub mod lru;
 pub mod measure;
 pub mod options;
 pub mod plan;

@@ -11,6 +11,13 @@ pub enum Stage {
     Svpsf,
 }
 
+impl Stage {
+    /// Those that the remap stage computes.
+    pub const REMAP: &[Self] = &[Self::Ri, Self::Distortion];
+    /// Those and the PSF.
+    pub const REMAP_AND_PSF: &[Self] = &[Self::Ri, Self::Distortion, Self::Svpsf];
+}
+
 /// A set of stages.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 pub struct Stages(u32);

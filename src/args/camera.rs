@@ -1,7 +1,7 @@
 //! `lenscube lens camera`.
 
-use super::choices::{RENDERER, one_of};
-use super::lens::{DESIGN_FILES, Depths, DesignArgs, depths, focus_m};
+use super::choices::{Choices, one_of};
+use super::design::{DESIGN_FILES, Depths, DesignArgs, depths, focus_m};
 use super::values::{pitch, size};
 use clap::Args;
 use pipeline::geometry::Size;
@@ -39,6 +39,12 @@ pub struct CameraArgs {
     #[command(flatten)]
     pub parameters: DesignArgs,
 }
+
+const RENDERER: Choices<Renderer> = &[
+    ("blender", "Python for Blender", Renderer::Blender),
+    ("mitsuba", "XML of Mitsuba 3", Renderer::Mitsuba),
+    ("pbrt", "PBRT-v4", Renderer::Pbrt),
+];
 
 /// `--for`.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]

@@ -1,7 +1,5 @@
-//! Flags whose values stand for values of the library, which knows no command line.
+//! Flags with named values: a parser, and the values of the library, which knows no command line.
 
-use super::camera::Renderer;
-use super::depth::{CoverageLight, DepthEdges, DepthKind, DepthMiss, DepthUnit};
 use clap::builder::{PossibleValue, PossibleValuesParser, TypedValueParser};
 use formats::chart::NanPolicy;
 use formats::export::exr::ExrCompression;
@@ -20,7 +18,7 @@ use pipeline::stages::DESCRIPTIONS;
 use std::sync::LazyLock;
 
 /// Name, help (may be empty), value.
-type Choices<T> = &'static [(&'static str, &'static str, T)];
+pub(super) type Choices<T> = &'static [(&'static str, &'static str, T)];
 
 pub(super) const AIMING: Choices<RayAiming> = &[
     ("real", "Through the real stop", RayAiming::Real),
@@ -35,18 +33,6 @@ pub(super) const DEMOSAIC: Choices<Demosaic> = &[
     ("bilinear", "Linear over one period, any pattern", Demosaic::Bilinear),
     ("superpixel", "One pixel per period", Demosaic::Superpixel),
 ];
-pub(super) const COVERAGE_LIGHT: Choices<CoverageLight> =
-    &[("straight", "", CoverageLight::Straight), ("premultiplied", "", CoverageLight::Premultiplied)];
-pub(super) const DEPTH_EDGES: Choices<DepthEdges> =
-    &[("keep", "", DepthEdges::Keep), ("snap", "", DepthEdges::Snap)];
-pub(super) const DEPTH_KIND: Choices<DepthKind> = &[
-    ("planar", "Along the optical axis", DepthKind::Planar),
-    ("ray", "Along the ray from the entrance pupil", DepthKind::Ray),
-];
-pub(super) const DEPTH_MISS: Choices<DepthMiss> =
-    &[("error", "", DepthMiss::Error), ("far", "", DepthMiss::Far)];
-pub(super) const DEPTH_UNIT: Choices<DepthUnit> =
-    &[("m", "", DepthUnit::Metre), ("cm", "", DepthUnit::Centimetre), ("mm", "", DepthUnit::Millimetre)];
 pub(super) const DTYPE: Choices<SampleType> = &[("f32", "", SampleType::F32), ("f16", "", SampleType::F16)];
 pub(super) const EVEN_WINDOW: Choices<EvenWindow> = &[
     ("pad", "On sample N/2 (from 0); a zero row and column are added", EvenWindow::Pad),
@@ -73,11 +59,6 @@ pub(super) const PSF_ROWS: Choices<RowOrder> =
     &[("top", "", RowOrder::Top), ("bottom", "", RowOrder::Bottom)];
 pub(super) const PSF_SAMPLE: Choices<PsfSample> =
     &[("point", "", PsfSample::Point), ("integrated", "", PsfSample::Integrated)];
-pub(super) const RENDERER: Choices<Renderer> = &[
-    ("blender", "Python for Blender", Renderer::Blender),
-    ("mitsuba", "XML of Mitsuba 3", Renderer::Mitsuba),
-    ("pbrt", "PBRT-v4", Renderer::Pbrt),
-];
 pub(super) const RESAMPLE: Choices<Resample> = &[
     ("cubic", "Cubic Hermite", Resample::Cubic),
     ("area", "Linear: the film constant over a pixel", Resample::Area),

@@ -1,14 +1,14 @@
 //! Surfaces at several distances: flags of a job, and their values.
 
-use super::choices::{COVERAGE_LIGHT, DEPTH_EDGES, DEPTH_KIND, DEPTH_MISS, DEPTH_UNIT, one_of};
-use super::lens::{Gap, focus_m, gap};
+use super::choices::{Choices, one_of};
+use super::design::{Gap, focus_m, gap};
 use super::values::positive;
 use crate::failure::usage;
 use anyhow::Result;
 use clap::Args;
 
 /// Surfaces at several distances, and the lens's focus.
-#[derive(Clone, Debug, Default, Args)]
+#[derive(Clone, Debug, Default, PartialEq, Args)]
 #[command(next_help_heading = "Depth")]
 pub struct DepthArgs {
     /// Object distance in focus, m from the entrance pupil (`inf` allowed), of a design: its film moves there [default: the film of the
@@ -58,6 +58,9 @@ pub struct DepthArgs {
 /// Default of `--depth-tolerance`.
 pub const DEPTH_TOLERANCE: f64 = 0.02;
 
+const DEPTH_UNIT: Choices<DepthUnit> =
+    &[("m", "", DepthUnit::Metre), ("cm", "", DepthUnit::Centimetre), ("mm", "", DepthUnit::Millimetre)];
+
 /// `--depth-unit`.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 #[allow(missing_docs, reason = "the variants are the values of the flag")]
@@ -88,6 +91,11 @@ impl DepthUnit {
     }
 }
 
+const DEPTH_KIND: Choices<DepthKind> = &[
+    ("planar", "Along the optical axis", DepthKind::Planar),
+    ("ray", "Along the ray from the entrance pupil", DepthKind::Ray),
+];
+
 /// `--depth-kind`.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum DepthKind {
@@ -96,6 +104,8 @@ pub enum DepthKind {
     /// Along the ray from the entrance pupil.
     Ray,
 }
+
+const DEPTH_EDGES: Choices<DepthEdges> = &[("keep", "", DepthEdges::Keep), ("snap", "", DepthEdges::Snap)];
 
 /// `--depth-edges`.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -106,6 +116,8 @@ pub enum DepthEdges {
     Snap,
 }
 
+const DEPTH_MISS: Choices<DepthMiss> = &[("error", "", DepthMiss::Error), ("far", "", DepthMiss::Far)];
+
 /// `--depth-miss`.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum DepthMiss {
@@ -114,6 +126,9 @@ pub enum DepthMiss {
     /// Infinity.
     Far,
 }
+
+const COVERAGE_LIGHT: Choices<CoverageLight> =
+    &[("straight", "", CoverageLight::Straight), ("premultiplied", "", CoverageLight::Premultiplied)];
 
 /// `--coverage-light`.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]

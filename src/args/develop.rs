@@ -7,8 +7,8 @@ use pipeline::develop::Demosaic;
 use pipeline::geometry::Rect;
 use std::path::PathBuf;
 
-/// `lenscube develop`
-#[derive(Debug, Args, Clone)]
+/// `lenscube develop`. Other commands that write a picture of a raw request it by [`DevelopArgs::new`].
+#[derive(Clone, Debug, PartialEq, Args)]
 #[command(after_help = "Examples:\n  lenscube develop raw.zarr picture.png\n  \
 lenscube develop bracket.zarr//roi_0 region.tif --frame 2 --depth 16 --white A\n  \
 lenscube develop raw.zarr linear.exr --matrix none --demosaic bilinear\n  \
@@ -42,7 +42,7 @@ pub struct DevelopArgs {
 }
 
 /// What determines the pixels of a development.
-#[derive(Debug, Args, Clone)]
+#[derive(Clone, Debug, PartialEq, Args)]
 pub struct DevelopStyle {
     /// Light that becomes neutral: D65, A, E, auto (the mean of the unclipped pixels), or gains R,G,B of the planes [default: the chart's light if
     /// the film records it, else D65]
@@ -55,10 +55,10 @@ pub struct DevelopStyle {
     #[arg(long, default_value_t = 1, value_parser = clap::value_parser!(u8).range(1..=2))]
     pub bin: u8,
     /// fitted (to the ColorChecker, from the sensor's curves), none, or a file of three rows of numbers
-    #[arg(long, default_value = "fitted", value_name = "fitted|none|FILE")]
+    #[arg(long, default_value = DEFAULT_MATRIX, value_name = "fitted|none|FILE")]
     pub matrix: String,
     /// none, or division by a lens's relative illumination or by a raw of a uniform chart, at most 8 times
-    #[arg(long, default_value = "none", value_name = "none|LENS|FLAT.zarr")]
+    #[arg(long, default_value = NO_SHADING, value_name = "none|LENS|FLAT.zarr")]
     pub shading: String,
     /// Exposure correction, a factor of 2^EV
     #[arg(long, default_value_t = 0.0, value_name = "EV", value_parser = exposure_value, allow_hyphen_values = true)]
@@ -69,6 +69,42 @@ pub struct DevelopStyle {
     /// Bits of a sample of PNG and TIFF: 8 or 16 [default: 8]
     #[arg(long, value_parser = depth)]
     pub depth: Option<u32>,
+}
+
+/// Default of `--matrix`.
+const DEFAULT_MATRIX: &str = "fitted";
+/// Default of `--shading`.
+const NO_SHADING: &str = "none";
+
+impl DevelopArgs {
+    /// The request of `lenscube develop RAW OUT` without flags.
+    pub fn new(raw: impl Into<String>, out: impl Into<PathBuf>) -> Self {
+        Self {
+            raw: raw.into(),
+            out: out.into(),
+            style: DevelopStyle::default(),
+            frame: 0,
+            crop: None,
+            threads: None,
+            memory: None,
+            overwrite: false,
+        }
+    }
+}
+
+impl Default for DevelopStyle {
+    fn default() -> Self {
+        Self {
+            white: None,
+            demosaic: None,
+            bin: 1,
+            matrix: DEFAULT_MATRIX.into(),
+            shading: NO_SHADING.into(),
+            exposure: 0.0,
+            tone: None,
+            depth: None,
+        }
+    }
 }
 
 /// `--tone`
@@ -92,5 +128,18 @@ fn depth(text: &str) -> Result<u32, String> {
         "8" => Ok(8),
         "16" => Ok(16),
         _ => Err("expected 8 or 16 bits".into()),
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use clap::{Command, FromArgMatches};
+
+    #[test]
+    fn request_has_the_defaults_of_the_flags() {
+        let matches = DevelopArgs::augment_args(Command::new("develop"))
+            .get_matches_from(["develop", "raw", "out.png"]);
+        assert_eq!(DevelopArgs::from_arg_matches(&matches).unwrap(), DevelopArgs::new("raw", "out.png"));
     }
 }

@@ -6,7 +6,7 @@ use pipeline::bounds;
 use pipeline::geometry::Size;
 
 /// Film and place of the chart.
-#[derive(Clone, Copy, Debug, Args)]
+#[derive(Clone, Copy, Debug, PartialEq, Args)]
 pub struct PlacementArgs {
     /// Film size in pixels: N or WxH [default: the chart's film_size, else its size times the scale]
     #[arg(long, value_name = "WxH", value_parser = size, help_heading = "Film")]
@@ -31,6 +31,20 @@ pub struct PlacementArgs {
     /// Centre of the chart in mm from the optical axis
     #[arg(long, value_name = "X,Y", value_parser = pair_mm, default_value = "0,0", allow_hyphen_values = true, help_heading = "Placement")]
     pub center: (f64, f64),
+}
+
+impl Default for PlacementArgs {
+    fn default() -> Self {
+        Self {
+            film_size: None,
+            film_pitch_um: None,
+            axis: None,
+            scale: (1.0, 1.0),
+            chart_pitch_mm: None,
+            fit: None,
+            center: (0.0, 0.0),
+        }
+    }
 }
 
 /// `--fit`.

@@ -2,8 +2,8 @@
 
 use super::choices::{CODEC, DTYPE, INTERP, NAN, OUTSIDE, SURROUND, default_stages, one_of, stage};
 use super::depth::DepthArgs;
+use super::design::DESIGN_FILES;
 use super::device::{Device, EngineArg};
-use super::lens::DESIGN_FILES;
 use super::placement::PlacementArgs;
 use super::values::{azimuths, bytes, keep_bits, odd, positive, roi, storage, threads, unit};
 use clap::{Args, ValueEnum};
@@ -14,10 +14,11 @@ use pipeline::field::Outside;
 use pipeline::geometry::Rect;
 use pipeline::resample::{Interp, Surround};
 use pipeline::stage::Stage;
+use pipeline::stages::{self, described};
 use std::path::PathBuf;
 
-/// A job: the arguments shared by `lenscube run` and `lenscube plan`.
-#[derive(Debug, Args, Clone)]
+/// A job: the arguments shared by `lenscube run` and `lenscube plan`, which commands that make a film request by [`RunArgs::new`].
+#[derive(Clone, Debug, PartialEq, Args)]
 pub struct RunArgs {
     /// Chart: PATH or PATH//array of a Zarr store, local or at a URL; HDF5, NetCDF-4 or .mat v7.3 (cube.mat//rad); .npy; ENVI (.hdr); TIFF of several bands; spectral .exr; folder or
     /// '*.png' of grey pictures, one per band; raw samples; or gen:KIND?size=14141&…
@@ -27,7 +28,7 @@ pub struct RunArgs {
     #[arg(value_name = "FILM")]
     pub film: PathBuf,
     /// Lens pack, design to trace at the chart's wavelengths, or name of a built-in lens.
-    #[arg(long, value_name = "NAME|PACK|DESIGN", default_value = "double-gauss-28", help_heading = "Lens", help = format!(
+    #[arg(long, value_name = "NAME|PACK|DESIGN", default_value = DEFAULT_LENS, help_heading = "Lens", help = format!(
         "Lens pack (directory or .zip, also at a URL), design ({DESIGN_FILES}) to trace at the chart's wavelengths, or name of a built-in lens. \
          A file with the name of a built-in lens is given as ./NAME"
     ))]
@@ -152,8 +153,58 @@ pub struct RunArgs {
     pub process: ProcessArgs,
 }
 
+/// Default of `--lens`.
+const DEFAULT_LENS: &str = "double-gauss-28";
+
+impl RunArgs {
+    /// The job of `lenscube run CHART FILM` without flags.
+    pub fn new(chart: impl Into<String>, film: impl Into<PathBuf>) -> Self {
+        Self {
+            chart: chart.into(),
+            film: film.into(),
+            lens: DEFAULT_LENS.into(),
+            var: None,
+            chart_shape: None,
+            chart_dtype: None,
+            axes: None,
+            chart_scale: None,
+            chart_units: None,
+            wavelengths: None,
+            bands: None,
+            surfaces: DepthArgs::default(),
+            stages: described(stages::default_stages()).map(|d| d.stage).collect(),
+            roi: Vec::new(),
+            azimuths: None,
+            psf_window: None,
+            interpolate_psf: false,
+            placement: PlacementArgs::default(),
+            interp: Interp::Bicubic,
+            surround: Surround::Edge,
+            outside: Outside::Error,
+            nan: NanPolicy::Error,
+            film_units: FilmUnits::Relative,
+            dtype: SampleType::F32,
+            shard: FilmSpec::SHARD,
+            chunk: FilmSpec::CHUNK,
+            codec: None,
+            keep_bits: None,
+            device: Device::Auto,
+            engine: EngineArg::Auto,
+            mixed_engines: false,
+            threads: None,
+            memory: None,
+            no_fsync: false,
+            trust_input: false,
+            check_input: false,
+            pyramid: false,
+            keep_going: false,
+            process: ProcessArgs::default(),
+        }
+    }
+}
+
 /// Flags of one process: they do not belong to the job, and a plan does not store them.
-#[derive(Debug, Args, Clone, Copy)]
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Args)]
 pub struct ProcessArgs {
     /// Remove an existing film and start again
     #[arg(long, help_heading = "Existing film")]
@@ -175,4 +226,16 @@ pub enum FilmUnits {
     Irradiance,
     /// Photons per second, nm and pixel
     Photons,
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use clap::{Command, FromArgMatches};
+
+    #[test]
+    fn request_has_the_defaults_of_the_flags() {
+        let matches = RunArgs::augment_args(Command::new("run")).get_matches_from(["run", "chart", "film"]);
+        assert_eq!(RunArgs::from_arg_matches(&matches).unwrap(), RunArgs::new("chart", "film"));
+    }
 }

@@ -84,8 +84,8 @@ pub struct SensorValidateArgs {
     pub die: u64,
 }
 
-/// From a film to a raw.
-#[derive(Debug, Args, Clone)]
+/// From a film to a raw. Other commands that make a raw request it by [`ExposeArgs::new`].
+#[derive(Clone, Debug, PartialEq, Args)]
 pub struct ExposeArgs {
     /// A film, PATH or PATH//roi_0; or a raw that kept its signal
     #[arg(value_name = "FILM", required = true)]
@@ -151,7 +151,7 @@ pub struct ExposeArgs {
     #[arg(long, value_name = "KAPPA", value_parser = positive, help_heading = "Light of the film")]
     pub film_scale: Option<f64>,
     /// Integration time of the dark current for a relative film without a given time
-    #[arg(long, value_name = "TIME", default_value = "10ms", help_heading = "Exposure")]
+    #[arg(long, value_name = "TIME", default_value = DEFAULT_NOMINAL, help_heading = "Exposure")]
     pub nominal: String,
     /// Keep the signal: other exposures, seeds and noises then need no film
     #[arg(long, conflicts_with = "roi")]
@@ -171,6 +171,45 @@ pub struct ExposeArgs {
     /// Take over a stale lock held by another host
     #[arg(long)]
     pub take_over: bool,
+}
+
+/// Default of `--nominal`.
+const DEFAULT_NOMINAL: &str = "10ms";
+
+impl ExposeArgs {
+    /// The request of `lenscube sensor FILM RAW` without flags, of which `--exposure` is required.
+    pub fn new(film: impl Into<String>, raw: impl Into<PathBuf>) -> Self {
+        Self {
+            film: Some(film.into()),
+            raw: Some(raw.into()),
+            sensor: None,
+            set: Vec::new(),
+            exposure: None,
+            frames: 1,
+            gain: None,
+            iso: None,
+            seed: 1,
+            die: 1,
+            noise: NoiseSet::ALL,
+            temperature: None,
+            roi: Vec::new(),
+            size: None,
+            center: (0.0, 0.0),
+            resample: Resample::Cubic,
+            coarse_film: false,
+            f_number: None,
+            transmission: None,
+            film_lux: None,
+            film_scale: None,
+            nominal: DEFAULT_NOMINAL.into(),
+            keep_signal: false,
+            threads: None,
+            memory: None,
+            no_fsync: false,
+            overwrite: false,
+            take_over: false,
+        }
+    }
 }
 
 /// Size of the sensor.
@@ -194,5 +233,19 @@ fn temperature(text: &str) -> Result<f64, String> {
     match (-200.0..=200.0).contains(&celsius) {
         true => Ok(celsius),
         false => Err(format!("expected -200 to 200 °C, found {celsius}")),
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use clap::{Command, FromArgMatches};
+
+    #[test]
+    fn request_has_the_defaults_of_the_flags() {
+        let words = ["sensor", "film", "raw", "--exposure", "auto"];
+        let matches = ExposeArgs::augment_args(Command::new("sensor")).get_matches_from(words);
+        let request = ExposeArgs { exposure: Some("auto".into()), ..ExposeArgs::new("film", "raw") };
+        assert_eq!(ExposeArgs::from_arg_matches(&matches).unwrap(), request);
     }
 }

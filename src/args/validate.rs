@@ -1,8 +1,8 @@
 //! `lenscube validate`.
 
 use super::choices::{STYLE, one_of};
+use super::design::DESIGN_FILES;
 use super::device::{Device, EngineArg};
-use super::lens::DESIGN_FILES;
 use super::values::{bytes, number, pitch, threads};
 use clap::Args;
 use formats::picture::style::Style;

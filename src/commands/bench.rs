@@ -17,7 +17,7 @@ mod storage;
 use crate::args::{BenchArgs, Device, check_directory};
 use crate::device::DeviceSelection;
 use crate::failure;
-use crate::job::threads;
+use crate::machine::threads;
 use crate::progress::{log_line, print};
 use anyhow::{Context, Result};
 use formats::durable::{create_directories, sweep_entries, temp_name};

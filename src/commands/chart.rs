@@ -4,7 +4,7 @@ mod image;
 
 use crate::args::{ChartArgs, ChartCommand, GeneratedArgs, size_order_note};
 use crate::failure::{other_job, usage};
-use crate::job::threads;
+use crate::machine::threads;
 use crate::progress::{counting, log_line, plural};
 use anyhow::Result;
 use formats::chart::{ChartMeta, Codec, NewChart, SurfaceArray, WriteError, write_surfaces};

@@ -17,11 +17,11 @@ mod patches;
 mod regions;
 mod report;
 
-use crate::args::{CompareArgs, check_directory};
+use crate::args::{CompareArgs, DevelopStyle, check_directory};
+use crate::camera::Developer;
 use crate::camera::frame::Frame;
-use crate::camera::{Developer, plain_style};
 use crate::failure::usage;
-use crate::job::threads;
+use crate::machine::threads;
 use crate::outputs::check_absent_in;
 use crate::progress::log_line;
 use anyhow::{Context, Result};
@@ -62,7 +62,7 @@ pub fn command(args: &CompareArgs) -> Result<u8> {
     let threads = threads(args.threads);
     let pair = Pair::open(args)?;
     log_line(pair.noise_note());
-    let style = plain_style();
+    let style = DevelopStyle::default();
     let developers = match args.edge.is_empty() && args.patch.is_empty() {
         true => None,
         false => Some([0, 1].map(|k| {

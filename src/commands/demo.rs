@@ -7,16 +7,15 @@ mod camera;
 mod depth;
 mod directory;
 
-use crate::args::{Cli, Command, DemoArgs, DesignArgs, ProgressArg, check_directory};
+use crate::args::{DemoArgs, DesignArgs, ProcessArgs, ProgressArg, RunArgs, check_directory};
 use crate::commands::chart::write;
 use crate::commands::run;
 use crate::failure::usage;
 use crate::job::lens::samples::LensData;
-use crate::job::threads;
+use crate::machine::threads;
 use crate::open::{self, Chart};
 use crate::progress::{log_line, print};
 use anyhow::Result;
-use clap::Parser;
 use directory::DemoDirectory;
 use formats::chart::{Codec, NanPolicy};
 use formats::picture::curve::lens_curves;
@@ -104,17 +103,16 @@ fn text(path: &Path) -> String {
     path.to_string_lossy().into_owned()
 }
 
-/// Runs `lenscube run CHART FILM` with the lens of the demo; the exit code.
+/// Makes the film of `chart` by the lens of the demo, complete or `regions` of it; the exit code.
 fn film(chart: &str, film: &Path, regions: &[Rect], threads: usize) -> Result<u8> {
-    let mut arguments = ["lenscube", "run", "--lens", LENS, "--overwrite"].map(String::from).to_vec();
-    for r in regions {
-        arguments.extend(["--roi".into(), format!("{},{},{},{}", r.x, r.y, r.width, r.height)]);
-    }
-    arguments.extend(["--threads".into(), threads.to_string(), "--".into(), chart.into(), text(film)]);
-    let Command::Run(args) = Cli::try_parse_from(arguments)?.command else {
-        unreachable!("the command line starts with `run`")
-    };
-    run::run_job(&args.job, None, ProgressArg::Auto)
+    let job = RunArgs { lens: LENS.into(), roi: regions.to_vec(), ..request(chart, film, threads) };
+    run::run_job(&job, None, ProgressArg::Auto)
+}
+
+/// A film that replaces the one of an earlier demo.
+fn request(chart: &str, film: &Path, threads: usize) -> RunArgs {
+    let process = ProcessArgs { overwrite: true, ..ProcessArgs::default() };
+    RunArgs { threads: Some(threads), process, ..RunArgs::new(chart, film) }
 }
 
 /// Region of the full film around the test patterns `cells` from the centre: stars, lines, dots and a zone plate.

@@ -7,7 +7,7 @@ use crate::args::{DevelopArgs, DevelopStyle, ToneArg};
 use crate::camera::Developer;
 use crate::camera::frame::Frame;
 use crate::failure::{code, usage};
-use crate::job::threads;
+use crate::machine::threads;
 use crate::machine::{default_limit, peak_resident};
 use crate::outputs::check_absent;
 use crate::progress::interrupt;

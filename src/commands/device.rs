@@ -11,7 +11,7 @@ use crate::commands::validate::FilmMaker;
 use crate::device::driver;
 use crate::device::verdict::{Verdict, store, verdict};
 use crate::failure::{code, usage};
-use crate::job::threads;
+use crate::machine::threads;
 use crate::progress::{log_line, print};
 use anyhow::{Context, Result};
 use formats::durable::{create_directories, temp_name};
@@ -19,6 +19,7 @@ use formats::group::GroupError;
 use pipeline::cuda::{self, DeviceInfo};
 use pipeline::geometry::Rect;
 use pipeline::simd::{Isa, Simd};
+use pipeline::stage::Stage;
 use std::path::Path;
 
 /// Largest difference of the films, as a share of the peak.
@@ -30,8 +31,9 @@ const CHART: &str = "gen:composite?size=14141&wavelengths=400,550,700&noise=0.01
 /// Film regions, x, y and side in px, with their names.
 const REGIONS: [(&str, i64, i64, usize); 3] =
     [("centre", 6980, 7010, 300), ("edge", 13_841, 7000, 300), ("corner", 13_841, 13_841, 300)];
-/// Stages of the compared films.
-const STAGES: [&str; 2] = ["ri,distortion", "ri,distortion,svpsf"];
+/// Stages of the compared films, with their names.
+const STAGES: [(&str, &[Stage]); 2] =
+    [("ri,distortion", Stage::REMAP), ("ri,distortion,svpsf", Stage::REMAP_AND_PSF)];
 
 pub fn command(args: &DeviceArgs) -> Result<u8> {
     match &args.command {
@@ -86,7 +88,7 @@ fn check(device: &Device) -> Result<u8> {
 /// Compares the films of one GPU; whether they agree.
 fn check_one(info: &DeviceInfo, dir: &Path) -> Result<bool> {
     let rects = REGIONS.map(|(_, x, y, side)| Rect::new(y, x, side, side));
-    let film = |device: Device, stages: &str| {
+    let film = |device: Device, stages: &[Stage]| {
         let maker = FilmMaker {
             lens: LENS.into(),
             dir: dir.to_path_buf(),
@@ -100,11 +102,11 @@ fn check_one(info: &DeviceInfo, dir: &Path) -> Result<bool> {
         maker.simulate(CHART, stages, &rects)
     };
     let mut worst = 0.0f64;
-    for stages in STAGES {
+    for (names, stages) in STAGES {
         let of_cpu = film(Device::Cpu, stages)?;
         let of_gpu = match film(Device::Cuda(vec![info.index]), stages) {
             Err(error) if is_not_finite(&error) => {
-                print(format!("cuda:{} {stages:<20} {error:#}", info.index));
+                print(format!("cuda:{} {names:<20} {error:#}", info.index));
                 worst = f64::INFINITY;
                 continue;
             }
@@ -114,7 +116,7 @@ fn check_one(info: &DeviceInfo, dir: &Path) -> Result<bool> {
             let difference = largest_difference(&of_cpu, &of_gpu, region);
             worst = worst.max(difference);
             print(format!(
-                "cuda:{} {stages:<20} {name:<7} largest difference from the CPU {difference:.2e} of the peak",
+                "cuda:{} {names:<20} {name:<7} largest difference from the CPU {difference:.2e} of the peak",
                 info.index
             ));
         }

@@ -5,8 +5,8 @@ mod stdout;
 
 use crate::args::{ExportArgs, ExportFormatArg};
 use crate::failure::{code, usage};
-use crate::job::{chosen_bands, threads};
-use crate::machine::default_limit;
+use crate::job::chosen_bands;
+use crate::machine::{default_limit, threads};
 use crate::open::{self, Chart, ChartFlags};
 use crate::outputs::check_absent;
 use crate::progress::interrupt;

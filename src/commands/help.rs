@@ -8,7 +8,7 @@ use anyhow::Result;
 
 /// Runs the command.
 pub fn command(given: &HelpArgs) -> Result<()> {
-    let mut command = args::command();
+    let mut command = args::help::command();
     command.build();
     let Some((first, others)) = given.topic.split_first() else {
         print(command.render_help().to_string().trim_end());

@@ -3,8 +3,7 @@
 use crate::args::PyramidArgs;
 use crate::failure::{Coded, code};
 use crate::film::reported;
-use crate::job;
-use crate::machine::default_limit;
+use crate::machine::{self, default_limit};
 use crate::progress::interrupt;
 use crate::progress::mib;
 use crate::progress::{counting, log_line, plural, report_kept};
@@ -58,7 +57,7 @@ pub fn make(
     let limit = memory.unwrap_or_else(default_limit);
     let (bar, progress) = counting("pyramid");
     let limit_bytes = usize::try_from(limit).unwrap_or(usize::MAX);
-    let made = pyramid.make(job::threads(threads), limit_bytes, interrupt::cancel_flag(), &progress);
+    let made = pyramid.make(machine::threads(threads), limit_bytes, interrupt::cancel_flag(), &progress);
     bar.finish_and_clear();
     let made = made.map_err(|e| match e {
         GroupError::Incomplete { .. } => Coded { code: code::WRONG, message: e.to_string() }.into(),

@@ -1,15 +1,15 @@
 //! `lenscube shoot`: chart → film → raw → picture, by the commands `run`, `sensor` and `develop` one after the other.
 
 use super::{develop, run, sensor};
-use crate::args::{Cli, Command, ProgressArg, RunArgs, ShootArgs, check_directory};
+use crate::args::{
+    DevelopArgs, DevelopStyle, ExposeArgs, PlacementArgs, ProgressArg, RunArgs, ShootArgs, check_directory,
+};
 use crate::failure::{replacing_other_job, usage};
 use crate::outputs::check_absent;
 use crate::progress::log_line;
 use anyhow::{Context, Result};
-use clap::Parser;
 use formats::film::FilmStore;
 use formats::raw::RawStore;
-use pipeline::develop::Demosaic;
 use std::io::ErrorKind;
 use std::path::{Path, PathBuf};
 
@@ -41,49 +41,70 @@ pub fn command(args: &ShootArgs) -> Result<u8> {
     let [film, raw] = STORES.map(|name| text(&directory.join(name)));
     let (film, raw) = (film?, raw?);
     log_line("1/3  film");
-    let mut words = command_line(args, &["run", "--lens", &args.lens]);
-    words.extend(option("--var", args.var.as_ref()));
-    words.extend(option("--axes", args.axes.as_ref()));
-    words.extend(option("--wavelengths", args.wavelengths.as_ref()));
-    words.extend(option("--chart-units", args.chart_units.as_ref()));
-    words.extend(option("--film-pitch-um", args.film_pitch_um));
-    words.extend(args.check_input.then(|| "--check-input".to_owned()));
+    let job = RunArgs {
+        lens: args.lens.clone(),
+        var: args.var.clone(),
+        axes: args.axes.clone(),
+        wavelengths: args.wavelengths.clone(),
+        chart_units: args.chart_units.clone(),
+        check_input: args.check_input,
+        surfaces: args.surfaces.clone(),
+        placement: PlacementArgs { film_pitch_um: args.film_pitch_um, ..PlacementArgs::default() },
+        threads: args.threads,
+        memory: args.memory,
+        ..RunArgs::new(&args.chart, &film)
+    };
     let code = replacing_other_job(
         args.overwrite,
-        || execute(args, &words, &[&args.chart, &film]),
+        || run::run_job(&job, None, ProgressArg::Auto),
         || crate::film::remove(Path::new(&film), false),
     )?;
     if code != 0 {
         return Ok(code);
     }
     log_line("2/3  raw");
-    let mut words = command_line(
-        args,
-        &["sensor", "--sensor", &args.sensor, "--exposure", &args.exposure, "--seed", &args.seed.to_string()],
-    );
-    words.extend(option("--gain", args.gain));
-    words.extend(option("--iso", args.iso));
-    let code = if developed {
-        replacing_other_job(
+    let exposure = ExposeArgs {
+        sensor: Some(args.sensor.clone()),
+        exposure: Some(args.exposure.clone()),
+        gain: args.gain,
+        iso: args.iso,
+        seed: args.seed,
+        threads: args.threads,
+        memory: args.memory,
+        ..ExposeArgs::new(&film, &raw)
+    };
+    let code = match developed {
+        true => replacing_other_job(
             args.overwrite,
-            || execute(args, &words, &[&film, &raw]),
+            || sensor::expose(&exposure),
             || sensor::remove(Path::new(&raw), false),
-        )?
-    } else {
-        words.extend(overwrite(args));
-        execute(args, &words, &[&film, &out])?
+        )?,
+        false => sensor::expose(&ExposeArgs {
+            raw: Some(args.out.clone()),
+            overwrite: args.overwrite,
+            ..exposure
+        })?,
     };
     if code != 0 {
         return Ok(code);
     }
     log_line("3/3  picture");
     if developed {
-        let mut words = command_line(args, &["develop"]);
-        words.extend(option("--white", args.white.as_ref()));
-        words.extend(option("--demosaic", args.demosaic.map(name)));
-        words.extend(option("--shading", args.even_light.then_some(&args.lens)));
-        words.extend(overwrite(args));
-        let code = execute(args, &words, &[&raw, &out])?;
+        let shading = args.even_light.then(|| args.lens.clone());
+        let standard = DevelopStyle::default();
+        let style = DevelopStyle {
+            white: args.white.clone(),
+            demosaic: args.demosaic,
+            shading: shading.unwrap_or(standard.shading),
+            ..standard
+        };
+        let code = develop::command(&DevelopArgs {
+            style,
+            threads: args.threads,
+            memory: args.memory,
+            overwrite: args.overwrite,
+            ..DevelopArgs::new(&raw, &args.out)
+        })?;
         if code != 0 {
             return Ok(code);
         }
@@ -116,43 +137,6 @@ pub fn directory(args: &ShootArgs) -> PathBuf {
         name.push(".shot");
         name.into()
     })
-}
-
-/// A command with the flags that all three have.
-fn command_line(args: &ShootArgs, words: &[&str]) -> Vec<String> {
-    let mut all: Vec<String> = ["lenscube"].iter().chain(words).map(|w| (*w).to_owned()).collect();
-    all.extend(option("--threads", args.threads));
-    all.extend(option("--memory", args.memory));
-    all
-}
-
-/// `--overwrite`, for the picture.
-fn overwrite(args: &ShootArgs) -> Option<String> {
-    args.overwrite.then(|| "--overwrite".to_owned())
-}
-
-fn option(flag: &str, value: Option<impl ToString>) -> Vec<String> {
-    value.map_or(Vec::new(), |v| vec![format!("{flag}={}", v.to_string())])
-}
-
-fn name(demosaic: Demosaic) -> String {
-    format!("{demosaic:?}").to_lowercase()
-}
-
-/// Runs the command line `words` with `paths` behind it; a film with the surfaces of `args`.
-fn execute(args: &ShootArgs, words: &[String], paths: &[&String]) -> Result<u8> {
-    let mut words = words.to_vec();
-    words.push("--".into());
-    words.extend(paths.iter().map(|p| (*p).clone()));
-    match Cli::try_parse_from(words).map_err(|e| usage(e.to_string()))?.command {
-        Command::Run(run) => {
-            let job = RunArgs { surfaces: args.surfaces.clone(), ..run.job };
-            run::run_job(&job, None, ProgressArg::Auto)
-        }
-        Command::Sensor(sensor) => sensor::command(&sensor),
-        Command::Develop(develop) => develop::command(&develop),
-        _ => unreachable!("the command lines begin with run, sensor or develop"),
-    }
 }
 
 fn text(path: &Path) -> Result<String> {

@@ -7,6 +7,7 @@
 mod band;
 mod distortion;
 mod edge;
+mod edge_places;
 mod error_budget;
 mod figures;
 mod files;
@@ -72,7 +73,7 @@ pub fn command(args: &ValidateArgs) -> Result<u8> {
     check_directory(&args.out)?;
     check_out(&args.out)?;
     let setup = Setup::new(args)?;
-    let films = Films::new(&setup, &edge::places(setup.size))?;
+    let films = Films::new(&setup, &edge_places::places(setup.size))?;
     let mut bands = Vec::new();
     for band in 0..setup.wavelengths_nm.len() {
         let nm = setup.wavelengths_nm[band];

@@ -8,7 +8,7 @@ mod verdict;
 use crate::args::VerifyArgs;
 use crate::failure::code;
 use crate::film::{layout, lock_all, reported};
-use crate::job;
+use crate::machine::threads;
 use crate::progress::{counting, log_line, plural, print};
 use anyhow::Result;
 use digests::check_digests;
@@ -29,7 +29,7 @@ pub fn command(args: &VerifyArgs) -> Result<u8> {
     store.group().check_in_place()?;
     fault_point("locked");
     let (bar, progress) = counting("verifying");
-    let verdict = store.verify(job::threads(args.threads), &progress);
+    let verdict = store.verify(threads(args.threads), &progress);
     bar.finish_and_clear();
     let mut verdict = verdict?;
     fault_point("verified");

@@ -11,7 +11,7 @@ mod query;
 mod server;
 
 use crate::args::ViewArgs;
-use crate::job;
+use crate::machine;
 use crate::progress::{log_line, print};
 use anyhow::{Context, Result};
 use content::Content;
@@ -31,7 +31,7 @@ const SHUTDOWN_TIMEOUT: Duration = Duration::from_secs(2);
 pub fn command(args: &ViewArgs) -> Result<()> {
     let content = Content::open(args)?;
     print_notes(&content);
-    let threads = args.threads.unwrap_or_else(|| job::threads(None).min(MAX_DEFAULT_THREADS));
+    let threads = args.threads.unwrap_or_else(|| machine::threads(None).min(MAX_DEFAULT_THREADS));
     let runtime = tokio::runtime::Builder::new_multi_thread()
         .worker_threads(1)
         .max_blocking_threads(threads + 1)

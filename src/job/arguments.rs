@@ -1,10 +1,11 @@
 //! Step 2: arguments resolved: device, engine, options, threads.
 
-use super::identity::DIGEST;
+use super::keys::DIGEST;
 use crate::args::{Device, RunArgs};
 use crate::device::DeviceSelection;
 use crate::failure::usage;
 use crate::job::film_engine;
+use crate::machine::threads;
 use anyhow::Result;
 use formats::chart::Codec;
 use formats::film::FilmStore;
@@ -71,11 +72,6 @@ impl<'a> Arguments<'a> {
 /// Whether a film was created with `--check-input`.
 fn has_content_digest(film: &FilmStore) -> bool {
     film.provenance().get("job").is_some_and(|job| job.get(DIGEST).is_some())
-}
-
-/// Worker threads: as given, else all cores.
-pub fn threads(given: Option<usize>) -> usize {
-    given.unwrap_or_else(|| std::thread::available_parallelism().map_or(1, usize::from))
 }
 
 fn options(args: &RunArgs, simd: Simd) -> Options {

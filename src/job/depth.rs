@@ -6,9 +6,9 @@ mod hidden_chart;
 pub mod scan;
 pub mod surfaces;
 
-use super::arguments::threads;
 use crate::args::{CoverageLight, DepthArgs, DepthEdges, DepthKind, DepthMiss, DepthUnit, RunArgs};
 use crate::failure::usage;
+use crate::machine::threads;
 use crate::open::{Chart, ChartFlags};
 use anyhow::Result;
 use arrays::{array, check_opaque, check_size, coverage, decode, temporary_directory};

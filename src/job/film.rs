@@ -7,7 +7,8 @@ use crate::failure::usage;
 use crate::open::Chart;
 use anyhow::Result;
 use formats::chart::MAX_VALUE;
-use formats::film::{FilmOutput, FilmSpec, SampleType};
+use formats::film::{FilmSpec, SampleType};
+use formats::group::Output;
 use pipeline::band::BandPlan;
 use pipeline::geometry::{Frame, Size};
 use pipeline::plan::FilmRegion;
@@ -53,10 +54,10 @@ pub fn film_spec(
                 rect.x, rect.y, rect.width, rect.height, frame.film
             )));
         }
-        outputs.push(FilmOutput { name: format!("roi_{i}"), rect: *rect });
+        outputs.push(Output { name: format!("roi_{i}"), rect: *rect });
     }
     if outputs.is_empty() {
-        outputs.push(FilmOutput { name: "film".into(), rect: frame.film.rect() });
+        outputs.push(Output { name: "film".into(), rect: frame.film.rect() });
     }
     let units = match args.film_units {
         FilmUnits::Relative => chart_units(args, chart).unwrap_or("relative").to_owned(),

@@ -1,6 +1,6 @@
 //! Geometry of a job: film size and pitch, optical axis, scale and centre of the chart.
 
-use super::coverage::filled_height_mm;
+use super::field_height::filled_height_mm;
 use crate::args::{FitArg, PlacementArgs};
 use crate::failure::usage;
 use crate::job::lens::UntracedLens;

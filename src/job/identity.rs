@@ -3,10 +3,12 @@
 use super::depth::Depth;
 use super::film::chart_units;
 use super::inputs::Inputs;
+use super::keys::{DIGEST, MTIMES};
 use crate::args::RunArgs;
 use crate::open::{Chart, is_builtin};
 use anyhow::Result;
 use formats::durable::is_url;
+use formats::object;
 use pipeline::stage::Stages;
 use pipeline::stages::DESCRIPTIONS;
 use serde_json::{Map, Value, json};
@@ -21,11 +23,6 @@ const DEPTH_NUMERIC_VERSION: u32 = 5;
 pub const fn numeric_version(has_depth: bool) -> u32 {
     if has_depth { DEPTH_NUMERIC_VERSION } else { NUMERIC_VERSION }
 }
-
-/// Key of the modification times of the input files.
-pub const MTIMES: &str = "chart_mtimes";
-/// Key of the digests of the input files' bytes, of a job with `--check-input`; it has no modification times.
-pub const DIGEST: &str = "chart_digest";
 
 /// The identity of a job with the lens `lens_name` of digest `lens_digest`; with the content of the input files if `check_input`.
 ///
@@ -42,19 +39,19 @@ pub fn identity(
     let Contents { content, files: (key, files), surfaces } =
         contents(&inputs.chart, inputs.depth.as_ref(), check_input)?;
     let frame = &inputs.frame;
-    let value = json!({
+    let mut map = object! {
         "numeric_version": numeric_version(surfaces.is_some()),
         "chart": content,
-        (key): files,
+        key: files,
         "chart_bands": inputs.selected_bands,
         "lens_name": lens_name,
         "lens_digest": lens_digest,
         "stages": named_stages(stages),
         "film_size": [frame.film.height, frame.film.width],
         "film_pitch_um": frame.pitch_um,
-        "axis_px": { "x": frame.axis_px.1, "y": frame.axis_px.0 },
-        "scale": { "x": frame.scale.1, "y": frame.scale.0 },
-        "center_mm": { "x": frame.center_mm.1, "y": frame.center_mm.0 },
+        "axis_px": json!({ "x": frame.axis_px.1, "y": frame.axis_px.0 }),
+        "scale": json!({ "x": frame.scale.1, "y": frame.scale.0 }),
+        "center_mm": json!({ "x": frame.center_mm.1, "y": frame.center_mm.0 }),
         "interp": format!("{:?}", args.interp).to_lowercase(),
         "surround": format!("{:?}", args.surround).to_lowercase(),
         "outside": format!("{:?}", args.outside).to_lowercase(),
@@ -64,8 +61,7 @@ pub fn identity(
         "interpolate_psf": args.interpolate_psf,
         "film_units": format!("{:?}", args.film_units).to_lowercase(),
         "rois": args.roi.iter().map(|r| [r.x, r.y, r.width as i64, r.height as i64]).collect::<Vec<_>>(),
-    });
-    let Value::Object(mut map) = value else { unreachable!("an object is written above") };
+    };
     if let Some(surfaces) = surfaces {
         map.insert("depth".into(), surfaces);
     }
@@ -113,23 +109,6 @@ pub fn contents(chart: &Chart, depth: Option<&Depth>, check_input: bool) -> Resu
         Some([of_chart, of_depth]) => (DIGEST, state(of_chart, depth.map(|_| of_depth))),
     };
     Ok(Contents { content, files, surfaces })
-}
-
-/// A key of the identity or layout in the words of the command line.
-pub fn argument(key: &str) -> String {
-    match key {
-        "chart" => "chart".into(),
-        MTIMES => "modification times of the chart".into(),
-        DIGEST => "content of the chart".into(),
-        "chart_bands" => "--bands".into(),
-        "lens_name" | "lens_digest" => format!("--lens ({})", key.trim_start_matches("lens_")),
-        "rois" => "--roi".into(),
-        "axis_px" => "--axis".into(),
-        "center_mm" => "--center".into(),
-        "numeric_version" => "numeric version of the program".into(),
-        "units" | "wavelengths" | "outputs" => key.into(),
-        other => format!("--{}", other.replace('_', "-")),
-    }
 }
 
 /// Where chart and lens are, and what the chart is, for people.

@@ -1,8 +1,8 @@
 //! Steps 1 and 3: chart and lens opened; bands selected, film geometry resolved. Of the chart only metadata are read.
 
-use super::coverage::field_height_mm;
 use super::depth::surfaces::SurfacePaths;
 use super::depth::{Depth, DepthRequest, LensFacts};
+use super::field_height::field_height_mm;
 use super::frame::{Named, frame};
 use crate::args::{RunArgs, bands};
 use crate::failure::{other_job, usage};

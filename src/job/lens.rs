@@ -1,19 +1,21 @@
 //! Lens of a run: a pack, or a design traced at the wavelengths of the job ([`tracing`]).
 
 pub mod attributes;
+mod blur;
 pub mod cache;
 pub mod depth_nodes;
 mod estimate;
 mod reach;
 pub mod samples;
+mod traced;
 mod tracing;
+mod tracing_job;
 
 use crate::args::{DEPTH_TOLERANCE, DepthArgs, DesignArgs};
 use crate::design::{self, DesignFile};
 use crate::failure::usage;
 use crate::open;
 use anyhow::{Context, Result};
-use cache::Cache;
 pub use estimate::estimated;
 use formats::lens::{LensPack, LensPackError};
 use pipeline::band::{LensBands, Options};
@@ -21,7 +23,6 @@ use pipeline::depth::plan::Surfaces;
 use pipeline::design::System;
 use pipeline::design::depth::trace::DepthOptions;
 use pipeline::design::paraxial::Paraxial;
-use pipeline::design::system::ImagePlane;
 use pipeline::design::trace::{LensTrace, TraceOptions};
 use pipeline::geometry::Frame;
 use pipeline::lens::PsfSample;
@@ -31,6 +32,9 @@ use pipeline::psf::kernel::NodeKernels;
 use pipeline::psf::kernel::on_demand::PsfReader;
 use pipeline::simd::Simd;
 use std::sync::Arc;
+use traced::Traced;
+pub use tracing_job::TracedFor;
+use tracing_job::TracingJob;
 
 /// Blur radius in film pixels up to which a surface is in focus: the L1 error of a PSF is then at most 2 %, by C·Δρ² with the C of the worst lens of
 /// those measured for [`pipeline::design::depth::nodes`], 9 % at 0.5 px.
@@ -42,15 +46,6 @@ pub enum UntracedLens {
     Pack(Box<LensPack>),
     /// A design, its name, and its file unless it is built in.
     Design(Box<System>, String, Option<DesignFile>),
-}
-
-/// Surfaces for which a design is traced at several object distances.
-#[derive(Clone, Copy)]
-pub struct TracedFor<'a> {
-    /// Vergences of the surfaces.
-    pub surfaces: &'a Surfaces,
-    /// Focus, range of the nodes, and accuracy between them.
-    pub options: DepthOptions,
 }
 
 impl UntracedLens {
@@ -66,11 +61,7 @@ impl UntracedLens {
     pub fn open_focused(name: &str, given: &DepthArgs) -> Result<Self> {
         if design::is_design(name) {
             let args = DesignArgs { gap: given.gap.clone(), ..DesignArgs::default() };
-            let (mut system, file) = design::open_file(name, &args)?;
-            if let Some(focus_m) = given.focus_m {
-                let focused = system.focused_at(1.0 / focus_m, ImagePlane::AsDesigned, 0.0);
-                system = focused.with_context(|| format!("focusing {name} at {focus_m} m"))?;
-            }
+            let (system, file) = design::focused(name, &args, given.focus_m)?;
             return Ok(Self::Design(Box::new(system), name.to_owned(), file));
         }
         let pack = Box::new(open::lens(name)?);
@@ -196,21 +187,6 @@ pub enum JobLens {
     Traced(Box<Traced>),
 }
 
-/// Design traced at the wavelengths of a job, ascending.
-pub struct Traced {
-    lens: Lens,
-    packs: Vec<Arc<LensPack>>,
-    /// Per band, the digests of its inputs and of its values.
-    recipes: Vec<String>,
-    digest: String,
-    notes: Vec<String>,
-    details: Vec<String>,
-    /// File of the design, unless it is built in.
-    file: Option<DesignFile>,
-    /// Keeps a temporary cache until the packs are closed.
-    _cache: Cache,
-}
-
 impl JobLens {
     /// Lens for bands at `wavelengths_nm` on the film of `frame`, for surfaces at several distances if `depth` has them; traces the bands that are not in the
     /// cache.
@@ -225,7 +201,7 @@ impl JobLens {
         match input {
             UntracedLens::Pack(pack) => Ok(Self::Pack(Arc::from(pack))),
             UntracedLens::Design(system, name, file) => {
-                let job = tracing::TracingJob { system: &system, name: &name, frame, options, depth };
+                let job = TracingJob { system: &system, name: &name, frame, options, depth };
                 let traced = tracing::trace(&job, wavelengths_nm, threads);
                 let traced = traced.with_context(|| format!("tracing {name}"))?;
                 Ok(Self::Traced(Box::new(Traced { file, ..traced })))

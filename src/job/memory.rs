@@ -7,12 +7,12 @@
 //! the disk, and decoded chart chunks (up to what a row of shards reads, or two rows of a GPU's tiles). Nothing here changes a pixel.
 
 mod depth;
+mod spectra;
 
-use crate::failure::usage;
 use crate::job::stretch::RemapStretch;
+use crate::machine::MemoryLimit;
 use crate::progress::mib;
 use anyhow::Result;
-use depth::{largest_psf, largest_spectrum, psfs_on_demand};
 use formats::chart::ChunkMemory;
 use formats::film::FilmSpec;
 use pipeline::band::{BandPlan, Options};
@@ -22,6 +22,7 @@ use pipeline::geometry::{Frame, Size};
 use pipeline::plan::FilmRegion;
 use pipeline::remap::{Remap, memory as remap};
 use pipeline::stages::{self, described};
+use spectra::{largest_psf, largest_spectrum, psfs_on_demand};
 
 /// The program itself, its threads' stacks, metadata of the stores.
 const PROCESS_BYTES: usize = 40 << 20;
@@ -88,7 +89,7 @@ impl GpuDemand {
 /// What the demand for memory depends on.
 pub struct MemoryInputs<'a> {
     /// Limit, bytes.
-    pub limit: u64,
+    pub limit: MemoryLimit,
     /// Film, axis, chart.
     pub frame: &'a Frame,
     /// Accuracy and stages.
@@ -331,7 +332,7 @@ impl Memory {
     /// # Errors
     /// Usage: the limit is too small; with the cause and the remedy.
     pub fn plan(inputs: &MemoryInputs<'_>, gpus: GpuDemand) -> Result<Self> {
-        let limit = usize::try_from(inputs.limit).unwrap_or(usize::MAX);
+        let limit = usize::try_from(inputs.limit.bytes).unwrap_or(usize::MAX);
         let usable = (limit as f64 * (1.0 - FRAGMENTATION_SHARE)) as usize;
         let with_slack = |bytes: usize| (bytes as f64 / (1.0 - FRAGMENTATION_SHARE)) as usize;
         let demand = inputs.demand(&gpus);
@@ -340,16 +341,14 @@ impl Memory {
         let min = demand.fixed.saturating_add(caches).saturating_add(min_pinned);
         if min > usable {
             let why = inputs.explain(&demand, min - usable, with_slack(min));
-            return Err(usage(format!("--memory {} is too small: {why}", mib(limit))));
+            return Err(inputs.limit.too_small(why));
         }
         // Nothing else is allocated while bands are written to a temporary file.
         let rechunking = inputs.chunks.rechunking;
         let decoders = usable.saturating_sub(PROCESS_BYTES) / rechunking.max(1);
         if decoders == 0 {
-            return Err(usage(format!(
-                "--memory {} is too small: sorting the chart by band requires {} per chunk; raise the limit, or re-chunk the chart, \
-                 e.g. into (1, 512, 512)",
-                mib(limit),
+            return Err(inputs.limit.too_small(format!(
+                "sorting the chart by band requires {} per chunk; raise the limit, or re-chunk the chart, e.g. into (1, 512, 512)",
                 mib(with_slack(PROCESS_BYTES.saturating_add(rechunking))),
             )));
         }

@@ -22,15 +22,7 @@ pub fn notes(args: &RunArgs, chart: &Chart, plan: &JobPlan) -> Result<Vec<String
     let mut notes = plan.lens.notes().to_vec();
     notes.extend(open::notes(chart));
     notes.extend(args.placement.film_size.and_then(|size| size_order_note("--film-size", size)));
-    if !chart.is_scaled_store() && (chart.has_integer_samples() || args.chart_scale.is_some()) {
-        let samples = if chart.has_integer_samples() {
-            "the chart's samples are integers"
-        } else {
-            "the chart is scaled"
-        };
-        let factor = args.chart_scale.unwrap_or(1.0);
-        notes.push(format!("{samples}: values are multiplied by {factor} (--chart-scale)"));
-    }
+    notes.extend(scale_note(args, chart));
     if is_builtin(&args.lens) && Path::new(&args.lens).symlink_metadata().is_ok() {
         notes.push(format!(
             "--lens {0} is the built-in lens; for the file of that name, --lens ./{0}",
@@ -53,6 +45,21 @@ pub fn notes(args: &RunArgs, chart: &Chart, plan: &JobPlan) -> Result<Vec<String
         notes.extend(radiance_note(args, chart));
     }
     Ok(notes)
+}
+
+/// What multiplies the chart's samples, unless the chart's own note contains it.
+fn scale_note(args: &RunArgs, chart: &Chart) -> Option<String> {
+    let is_integer = chart.has_integer_samples();
+    let samples = if is_integer { "the chart's samples are integers" } else { "the chart is scaled" };
+    match args.chart_scale {
+        Some(factor) if !chart.is_scaled_store() => {
+            Some(format!("{samples}: values are multiplied by {factor} (--chart-scale)"))
+        }
+        None if is_integer && !chart.is_scaled() => {
+            Some(format!("{samples}, whose values are used as they are; --chart-scale multiplies them"))
+        }
+        _ => None,
+    }
 }
 
 /// For integrated samples rotated by other than multiples of 90°: the estimated error at the primary wavelength.

@@ -6,13 +6,12 @@ use super::film::regions;
 use super::frame::{Named, frame};
 use super::resources::depth_rows;
 use super::stretch::RemapStretch;
-use super::threads;
 use crate::args::{DepthArgs, DepthMiss, DepthReportArgs};
 use crate::failure::{line, usage};
 use crate::job::cost::core_s;
 use crate::job::lens::{TracedFor, UntracedLens, estimated};
 use crate::job::memory::{GpuDemand, Memory, MemoryInputs};
-use crate::machine::default_limit;
+use crate::machine::{MAX_DEFAULT, MemoryLimit, threads};
 use crate::open::{self, Chart, ChartFlags};
 use anyhow::Result;
 use formats::chart::{NanPolicy, exr};
@@ -274,7 +273,7 @@ fn memory(
         UntracedLens::Design(..) => 0,
     };
     let inputs = MemoryInputs {
-        limit: args.memory.unwrap_or_else(default_limit),
+        limit: MemoryLimit::new(args.memory, MAX_DEFAULT),
         frame,
         options: &options,
         bands,

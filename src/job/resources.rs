@@ -8,7 +8,7 @@ use super::stretch::RemapStretch;
 use crate::device::DeviceSelection;
 use crate::failure;
 use crate::job::memory::{GpuDemand, Memory, MemoryInputs};
-use crate::machine::default_limit;
+use crate::machine::{MAX_DEFAULT, MemoryLimit};
 use anyhow::Result;
 use formats::film::FilmStore;
 use pipeline::band::{BandPlan, Options};
@@ -85,7 +85,7 @@ fn divide(
     let chart_rows = |rows: usize| inputs.chart.cache_for_rows(rows);
     let walks = walks(plan);
     let memory = MemoryInputs {
-        limit: args.memory.unwrap_or_else(default_limit),
+        limit: MemoryLimit::new(args.memory, MAX_DEFAULT),
         frame: &inputs.frame,
         options: &arguments.options,
         bands: &plan.bands,

@@ -1,4 +1,4 @@
-//! The one check of a command's paths: no output is an input or another output, lies in one, or contains one.
+//! The one check of a command's paths: no output is an input or another output, lies in one, or contains one; none is a device, FIFO or socket.
 
 use super::place::{Place, Relation};
 use crate::failure::usage;
@@ -6,6 +6,7 @@ use crate::open::is_builtin;
 use anyhow::Result;
 use formats::chart::files_of;
 use formats::durable::is_url;
+use std::os::unix::fs::FileTypeExt;
 use std::path::{Path, PathBuf};
 
 /// Inputs and outputs of a command.
@@ -82,8 +83,10 @@ impl Guard {
         path.into_iter().fold(self, |guard, path| guard.writes(argument, path))
     }
 
-    /// Fails (exit code 2) if an output is, lies in or contains an input or another output.
+    /// Fails (exit code 2) if an output is, lies in or contains an input or another output, or is what a file would replace but not be: a device, a FIFO, a
+    /// socket.
     pub fn check(&self) -> Result<()> {
+        self.outputs.iter().try_for_each(check_kind)?;
         let inputs: Vec<Place> = self.inputs.iter().map(|input| Place::new(&input.file)).collect();
         let outputs: Vec<Place> = self.outputs.iter().map(|output| Place::new(&output.path)).collect();
         for (k, (output, place)) in self.outputs.iter().zip(&outputs).enumerate() {
@@ -117,6 +120,22 @@ impl Guard {
             self.outputs.iter().map(|output| &*output.path).collect(),
         ]
     }
+}
+
+/// Fails for an existing device, FIFO or socket: a finished file is renamed to its path.
+fn check_kind(output: &Output) -> Result<()> {
+    let Output { argument, path } = output;
+    let Ok(kind) = path.metadata().map(|metadata| metadata.file_type()) else { return Ok(()) };
+    let kind = match () {
+        () if kind.is_char_device() || kind.is_block_device() => "a device",
+        () if kind.is_fifo() => "a FIFO or pipe",
+        () if kind.is_socket() => "a socket",
+        () => return Ok(()),
+    };
+    let shown = path.display();
+    Err(usage(format!(
+        "{argument} {shown} is {kind}, which would be replaced by a file; choose another path for {argument}"
+    )))
 }
 
 fn conflict(output: &Output, place: &Place, relation: Relation, other: &str, role: &str) -> anyhow::Error {

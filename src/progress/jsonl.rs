@@ -12,6 +12,7 @@
 
 use crate::failure::{self, code};
 use crate::progress::terminal;
+use formats::object;
 use serde_json::{Map, Value, json};
 use std::sync::{Mutex, OnceLock};
 use std::time::{Duration, Instant};
@@ -62,10 +63,7 @@ impl Jsonl {
 
     /// Adds the plan and its units to all following events.
     pub fn set_plan(&self, plan: &str, units: &str) {
-        let Value::Object(map) = json!({ "plan": plan, "units": units }) else {
-            unreachable!("written so above")
-        };
-        let _ = self.common.set(map);
+        let _ = self.common.set(object! { "plan": plan, "units": units });
     }
 
     /// Writes one event. Errors are ignored: the reader may have closed the pipe, and the run continues.

@@ -3,24 +3,16 @@
 //! Requests for a key that another thread is loading wait for it. Evicted values that are still in use stay valid (`Arc`). A failed load
 //! is not cached: threads that waited for it load again and get the error themselves.
 
-use std::collections::{BTreeMap, HashMap};
+use std::collections::HashSet;
 use std::hash::Hash;
 use std::sync::{Arc, Condvar, Mutex, MutexGuard};
 
-#[derive(Debug)]
-enum Entry<T> {
-    Loading,
-    Ready { value: Arc<T>, bytes: usize, tick: u64 },
-}
+use pipeline::lru::Lru;
 
 #[derive(Debug)]
 struct State<T, K> {
-    entries: HashMap<K, Entry<T>>,
-    /// Keys by the tick of their last use.
-    by_age: BTreeMap<u64, K>,
-    bytes: usize,
-    /// Incremented by each use.
-    tick: u64,
+    ready: Lru<K, Arc<T>>,
+    loading: HashSet<K>,
 }
 
 /// Values of type `T` by key, at most `limit` bytes of them.
@@ -31,16 +23,12 @@ pub struct Cache<T, K: Copy + Eq + Hash = u64> {
     limit: usize,
 }
 
-/// Removes the entry of a load that failed or panicked.
+/// Ends a load, also one that failed or panicked.
 struct Loading<'a, T, K: Copy + Eq + Hash>(&'a Cache<T, K>, K);
 
 impl<T, K: Copy + Eq + Hash> Drop for Loading<'_, T, K> {
     fn drop(&mut self) {
-        let mut state = self.0.lock();
-        if let Some(Entry::Loading) = state.entries.get(&self.1) {
-            state.entries.remove(&self.1);
-        }
-        drop(state);
+        self.0.lock().loading.remove(&self.1);
         self.0.changed.notify_all();
     }
 }
@@ -48,7 +36,7 @@ impl<T, K: Copy + Eq + Hash> Drop for Loading<'_, T, K> {
 impl<T, K: Copy + Eq + Hash> Cache<T, K> {
     /// An empty cache of at most `limit` bytes.
     pub fn new(limit: usize) -> Self {
-        let state = State { entries: HashMap::new(), by_age: BTreeMap::new(), bytes: 0, tick: 0 };
+        let state = State { ready: Lru::default(), loading: HashSet::new() };
         Self { state: Mutex::new(state), changed: Condvar::new(), limit }
     }
 
@@ -58,7 +46,8 @@ impl<T, K: Copy + Eq + Hash> Cache<T, K> {
 
     /// Whether `key` is cached or being loaded.
     pub(super) fn contains(&self, key: K) -> bool {
-        self.lock().entries.contains_key(&key)
+        let state = self.lock();
+        state.ready.contains(key) || state.loading.contains(&key)
     }
 
     /// The value of `key`, from the cache or from `load`, which returns it with its size in bytes.
@@ -66,47 +55,28 @@ impl<T, K: Copy + Eq + Hash> Cache<T, K> {
     /// # Errors
     /// Those of `load`.
     pub fn get<E>(&self, key: K, load: impl FnOnce() -> Result<(T, usize), E>) -> Result<Arc<T>, E> {
-        let mut guard = self.lock();
+        let mut state = self.lock();
         loop {
-            let state = &mut *guard;
-            match state.entries.get_mut(&key) {
-                Some(Entry::Ready { value, tick, .. }) => {
-                    let value = value.clone();
-                    state.by_age.remove(tick);
-                    state.tick += 1;
-                    *tick = state.tick;
-                    state.by_age.insert(state.tick, key);
-                    return Ok(value);
-                }
-                Some(Entry::Loading) => {
-                    guard = self.changed.wait(guard).expect("no panic while the cache is locked");
-                }
-                None => break,
+            if let Some(value) = state.ready.get(key) {
+                return Ok(Arc::clone(value));
             }
+            if state.loading.insert(key) {
+                break;
+            }
+            state = self.changed.wait(state).expect("no panic while the cache is locked");
         }
-        guard.entries.insert(key, Entry::Loading);
-        drop(guard);
-        let loading = Loading(self, key);
+        drop(state);
+        let _loading = Loading(self, key);
         let (value, bytes) = load()?;
         let value = Arc::new(value);
-        self.insert(key, value.clone(), bytes);
-        drop(loading);
+        self.insert(key, Arc::clone(&value), bytes);
         Ok(value)
     }
 
     fn insert(&self, key: K, value: Arc<T>, bytes: usize) {
-        let mut guard = self.lock();
-        let state = &mut *guard;
-        state.tick += 1;
-        state.entries.insert(key, Entry::Ready { value, bytes, tick: state.tick });
-        state.by_age.insert(state.tick, key);
-        state.bytes += bytes;
-        while state.bytes > self.limit {
-            let Some((_, oldest)) = state.by_age.pop_first() else { break };
-            if let Some(Entry::Ready { bytes, .. }) = state.entries.remove(&oldest) {
-                state.bytes -= bytes;
-            }
-        }
+        let mut state = self.lock();
+        state.ready.insert(key, value, bytes);
+        while state.ready.bytes() > self.limit && state.ready.pop_oldest().is_some() {}
     }
 
     fn lock(&self) -> MutexGuard<'_, State<T, K>> {

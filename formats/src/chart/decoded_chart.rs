@@ -139,9 +139,14 @@ impl DecodedChart {
         self
     }
 
+    /// Whether its values are its samples times a factor, or plus an offset.
+    pub fn is_scaled(&self) -> bool {
+        !self.declared.values.scaling.is_empty()
+    }
+
     /// Unit of the values: that of the metadata, or `counts` for unscaled integers.
     pub fn units(&self) -> Option<&str> {
-        let is_count = self.sample().is_integer() && self.declared.values.scaling.is_empty();
+        let is_count = self.sample().is_integer() && !self.is_scaled();
         self.declared.units.as_deref().or(is_count.then_some("counts"))
     }
 

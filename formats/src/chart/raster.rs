@@ -104,6 +104,11 @@ impl RasterChart {
         self
     }
 
+    /// Whether its values are its samples times a factor, or plus an offset.
+    pub fn is_scaled(&self) -> bool {
+        !self.values.scaling.is_empty()
+    }
+
     /// Path of the data file.
     pub fn path(&self) -> &Path {
         &self.path

@@ -9,7 +9,7 @@ use serde_json::Value;
 use super::store::FilmStore;
 use super::{FilmSpec, ome};
 use crate::chart::{ChartOptions, NanPolicy};
-use crate::group::{GroupError, JobGroup, ShardFile};
+use crate::group::{GroupError, JobGroup, Output, ShardFile};
 use crate::pyramid::{Halving, LevelReader, Pyramid, PyramidSource, halve, level_sizes};
 use crate::shard::ShardEncoder;
 
@@ -44,7 +44,7 @@ impl PyramidSource for FilmStore {
     }
 
     fn arrays(&self) -> Vec<(&str, Size)> {
-        self.spec.outputs.iter().map(|o| (o.name.as_str(), o.rect.size())).collect()
+        self.spec.outputs.iter().map(Output::array).collect()
     }
 
     fn bands(&self) -> usize {

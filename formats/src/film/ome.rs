@@ -6,7 +6,6 @@
 use pipeline::geometry::Rect;
 use serde_json::{Value, json};
 
-use super::spec::FilmSpec;
 use super::store::FilmStore;
 use crate::picture::exposure::{Exposure, Levels};
 use crate::pyramid::ome;
@@ -33,7 +32,7 @@ pub(super) fn ome_attribute(film: &FilmStore, whites: &[f64]) -> Value {
 
 fn multiscale(film: &FilmStore, output: usize) -> Value {
     let (spec, Rect { y, x, .. }) = (film.spec(), film.spec().outputs[output].rect);
-    let (rows, columns) = FilmSpec::axes(&spec.outputs[output].name);
+    let (rows, columns) = spec.outputs[output].axes();
     let pitch_mm = spec.pitch_um * 1e-3;
     let first_mm = |from_first_px: f64| {
         let mm = |first: i64, axis_px: f64| (first as f64 - axis_px + from_first_px) * pitch_mm;

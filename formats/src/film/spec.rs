@@ -7,24 +7,15 @@ use pipeline::geometry::{Rect, Size};
 use pipeline::plan::FilmRegion;
 use serde_json::{Map, Value, json};
 
-use crate::group::{Derived, GroupError, GroupKind};
+use crate::group::{Derived, GroupError, GroupKind, Output};
 use crate::hierarchy::{array, coordinate};
 use crate::shard::{Codec, SampleType, shard_grid, sharding_metadata};
-
-/// An array of a film: the complete film, or a region of it.
-#[derive(Clone, Debug, PartialEq, Eq)]
-pub struct FilmOutput {
-    /// Name of the array: `film`, `roi_0`, …
-    pub name: String,
-    /// Its pixels, in film coordinates.
-    pub rect: Rect,
-}
 
 /// Layout of a film.
 #[derive(Clone, Debug, PartialEq)]
 pub struct FilmSpec {
     /// The arrays.
-    pub outputs: Vec<FilmOutput>,
+    pub outputs: Vec<Output>,
     /// Size of the complete film in pixels.
     pub film: Size,
     /// Wavelength of each band in nm.
@@ -58,7 +49,7 @@ impl FilmSpec {
     /// A complete film with the default layout: f32, shards of 2048 and chunks of 512 pixels, axis in the middle, relative units.
     pub fn full_film(film: Size, wavelengths_nm: Vec<f64>, pitch_um: f64) -> Self {
         Self {
-            outputs: vec![FilmOutput { name: "film".into(), rect: film.rect() }],
+            outputs: vec![Output { name: "film".into(), rect: film.rect() }],
             film,
             wavelengths_nm,
             pitch_um,
@@ -167,11 +158,6 @@ impl FilmSpec {
         bounds::SHARDS.check_product(&[shards as usize]).map(drop)
     }
 
-    /// Names of the (y, x) coordinates of an output.
-    pub(super) fn axes(name: &str) -> (String, String) {
-        if name == "film" { ("y".into(), "x".into()) } else { (format!("{name}_y"), format!("{name}_x")) }
-    }
-
     /// The files that follow from the attributes.
     pub(super) fn derived(&self) -> Derived {
         Derived { coordinates: self.coordinates(), arrays: self.arrays() }
@@ -185,11 +171,8 @@ impl FilmSpec {
         let nm = coordinate("wavelength", "nm", "wavelength", &self.wavelengths_nm);
         let mut all = vec![("wavelength".to_owned(), nm)];
         for o in &self.outputs {
-            let (y, x) = Self::axes(&o.name);
             let down = mm(o.rect.y, o.rect.height, self.axis_px.0);
-            let across = mm(o.rect.x, o.rect.width, self.axis_px.1);
-            all.push((y.clone(), coordinate(&y, "mm", "distance below the optical axis", &down)));
-            all.push((x.clone(), coordinate(&x, "mm", "distance right of the optical axis", &across)));
+            all.extend(o.coordinates(&down, &mm(o.rect.x, o.rect.width, self.axis_px.1)));
         }
         all
     }
@@ -204,9 +187,9 @@ impl FilmSpec {
     }
 
     /// Zarr metadata of an array of `size` with the field of view of `output`.
-    pub(super) fn array(&self, output: &FilmOutput, size: Size) -> Value {
+    pub(super) fn array(&self, output: &Output, size: Size) -> Value {
         let shard = self.grid_of(size.rect()).shard;
-        let (y, x) = Self::axes(&output.name);
+        let (y, x) = output.axes();
         array(
             &[self.wavelengths_nm.len(), size.height, size.width],
             &[1, shard.height, shard.width],
@@ -219,11 +202,7 @@ impl FilmSpec {
 
     /// Group attributes.
     pub(super) fn attributes(&self, provenance: &Map<String, Value>) -> Value {
-        let outputs: Vec<Value> = self
-            .outputs
-            .iter()
-            .map(|o| json!({"name": o.name, "row": o.rect.y, "column": o.rect.x, "size": [o.rect.height, o.rect.width]}))
-            .collect();
+        let outputs: Vec<Value> = self.outputs.iter().map(Output::to_json).collect();
         let mut attributes = json!({
             "schema": GroupKind::Film.schema(),
             "film_size": [self.film.height, self.film.width],
@@ -266,12 +245,7 @@ impl FilmSpec {
                 serde_json::from_value(a.get(key)?.clone()).ok()
             }
             let (height, width) = get(&a, "film_size")?;
-            let outputs = a.get("outputs")?.as_array()?.iter().map(|o| {
-                let o = o.as_object()?;
-                let (height, width) = get(o, "size")?;
-                let rect = Rect::new(get(o, "row")?, get(o, "column")?, height, width);
-                Some(FilmOutput { name: get(o, "name")?, rect })
-            });
+            let outputs = a.get("outputs")?.as_array()?.iter().map(Output::from_json);
             Some(Self {
                 outputs: outputs.collect::<Option<_>>()?,
                 film: Size::new(height, width),

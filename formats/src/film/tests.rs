@@ -13,7 +13,7 @@ use serde_json::{Map, Value};
 use super::*;
 use crate::chart::{ChartOptions, ChartStore};
 use crate::durable::{DurableError, FileStep, Store, Sweep};
-use crate::group::{Finding, GroupError};
+use crate::group::{Finding, GroupError, Output};
 
 fn spec() -> FilmSpec {
     FilmSpec {
@@ -89,7 +89,7 @@ fn regions_are_separate_arrays() {
     let dir = tempfile::tempdir().unwrap();
     let path = dir.path().join("roi.zarr");
     let rects = [Rect::new(10, 20, 40, 30), Rect::new(0, 0, 150, 7)];
-    let outputs = (0..2).map(|k| FilmOutput { name: format!("roi_{k}"), rect: rects[k] }).collect();
+    let outputs = (0..2).map(|k| Output { name: format!("roi_{k}"), rect: rects[k] }).collect();
     let film = FilmStore::create(&path, FilmSpec { outputs, ..spec() }, provenance(), false).unwrap();
     assert_eq!((film.spec().shard_shape(0), film.spec().shard_shape(1)), ((64, 32), (64, 32)));
     fill(&film);
@@ -164,11 +164,8 @@ fn invalid_spec_is_rejected_before_anything_is_written() {
         FilmSpec { wavelengths_nm: vec![], ..spec() },
         FilmSpec { pitch_um: f64::NAN, ..spec() },
         FilmSpec { outputs: vec![], ..spec() },
-        FilmSpec { outputs: vec![FilmOutput { name: "../x".into(), rect: Rect::new(0, 0, 2, 2) }], ..spec() },
-        FilmSpec {
-            outputs: vec![FilmOutput { name: "roi_0".into(), rect: Rect::new(149, 0, 2, 2) }],
-            ..spec()
-        },
+        FilmSpec { outputs: vec![Output { name: "../x".into(), rect: Rect::new(0, 0, 2, 2) }], ..spec() },
+        FilmSpec { outputs: vec![Output { name: "roi_0".into(), rect: Rect::new(149, 0, 2, 2) }], ..spec() },
     ];
     let dir = tempfile::tempdir().unwrap();
     for spec in cases {

@@ -8,9 +8,9 @@ use std::sync::atomic::AtomicBool;
 use pipeline::geometry::{Rect, Size};
 use serde_json::{Map, Value, json};
 
-use super::{Finding, GroupError};
-use crate::film::{Codec, FilmOutput, FilmSpec, FilmStore, SampleType};
-use crate::raw::{RawOutput, RawSpec, RawStore};
+use super::{Finding, GroupError, Output};
+use crate::film::{Codec, FilmSpec, FilmStore, SampleType};
+use crate::raw::{RawSpec, RawStore};
 
 /// A store with all kinds of arrays, in a temporary directory.
 struct Store {
@@ -30,7 +30,7 @@ const RECTS: [Rect; 2] = [Rect::new(1, 2, 3, 260), Rect::new(0, 0, 4, 5)];
 fn film() -> Store {
     let dir = tempfile::tempdir().unwrap();
     let path = dir.path().join("film.zarr");
-    let outputs = (0..2).map(|k| FilmOutput { name: format!("roi_{k}"), rect: RECTS[k] }).collect();
+    let outputs = (0..2).map(|k| Output { name: format!("roi_{k}"), rect: RECTS[k] }).collect();
     let spec = FilmSpec {
         outputs,
         shard: 256,
@@ -60,8 +60,8 @@ fn raw(frames: usize) -> Store {
     let dir = tempfile::tempdir().unwrap();
     let path = dir.path().join("raw.zarr");
     let outputs = match frames {
-        1 => (0..2).map(|k| RawOutput { name: format!("roi_{k}"), rect: RECTS[k] }).collect(),
-        _ => vec![RawOutput { name: "raw".into(), rect: Rect::new(0, 0, 6, 300) }],
+        1 => (0..2).map(|k| Output { name: format!("roi_{k}"), rect: RECTS[k] }).collect(),
+        _ => vec![Output { name: "raw".into(), rect: Rect::new(0, 0, 6, 300) }],
     };
     let spec = RawSpec {
         outputs,

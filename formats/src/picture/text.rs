@@ -102,8 +102,8 @@ impl OutlineBuilder for Path {
     }
 }
 
-/// Text for XML: markup escaped, line ends as spaces, characters outside XML replaced.
-pub(super) fn escape(text: &str) -> String {
+/// Text for XML and HTML: markup escaped, line ends as spaces, characters outside XML replaced.
+pub fn escape(text: &str) -> String {
     let mut out = String::with_capacity(text.len());
     for letter in text.chars() {
         match letter {

@@ -9,7 +9,7 @@ use serde_json::Value;
 
 use super::{Period, RawStore, codec_error, halve_mosaic, mosaic_below, ome};
 use crate::chart::ChartOptions;
-use crate::group::{GroupError, JobGroup, ShardFile};
+use crate::group::{GroupError, JobGroup, Output, ShardFile};
 use crate::pyramid::{Halving, LevelReader, Pyramid, PyramidSource};
 use crate::shard::ShardEncoder;
 
@@ -65,7 +65,7 @@ impl PyramidSource for RawStore {
     }
 
     fn arrays(&self) -> Vec<(&str, Size)> {
-        self.spec.outputs.iter().map(|o| (o.name.as_str(), o.rect.size())).collect()
+        self.spec.outputs.iter().map(Output::array).collect()
     }
 
     fn bands(&self) -> usize {

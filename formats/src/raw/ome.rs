@@ -5,7 +5,7 @@
 
 use serde_json::{Value, json};
 
-use super::{RawSpec, RawStore};
+use super::RawStore;
 use crate::pyramid::ome;
 
 /// The attribute `ome`.
@@ -29,7 +29,7 @@ pub(super) fn ome_attribute(raw: &RawStore) -> Value {
 
 fn multiscale(raw: &RawStore, output: usize) -> Value {
     let (spec, rect) = (raw.spec(), raw.rect(output));
-    let (rows, columns) = RawSpec::axes(&spec.outputs[output].name);
+    let (rows, columns) = spec.outputs[output].axes();
     let pitch_mm = spec.pitch_um * 1e-3;
     let first_mm = |from_first_px: f64| {
         let mm = |first: i64, n: usize, centre_mm: f64| {

@@ -6,24 +6,16 @@ use pipeline::plan::FilmRegion;
 use serde_json::{Map, Value, json};
 
 use super::{RawShard, SIGNAL};
-use crate::group::{Derived, GroupKind};
+use crate::group::{Derived, GroupKind, Output};
 use crate::hierarchy::{array, coordinate};
+use crate::object;
 use crate::shard::{Codec, SampleType, shard_grid, sharding_of};
-
-/// One array of a raw: all of the sensor, or a window of it.
-#[derive(Clone, Debug, PartialEq, Eq)]
-pub struct RawOutput {
-    /// Name of the array: `raw`, `roi_0`, …
-    pub name: String,
-    /// Its pixels, in sensor coordinates.
-    pub rect: Rect,
-}
 
 /// What a raw is.
 #[derive(Clone, Debug, PartialEq)]
 pub struct RawSpec {
     /// The arrays.
-    pub outputs: Vec<RawOutput>,
+    pub outputs: Vec<Output>,
     /// Size of the whole sensor in pixels.
     pub sensor: Size,
     /// Pixel pitch in µm.
@@ -98,11 +90,6 @@ impl RawSpec {
         }
     }
 
-    /// Names of the (y, x) coordinates of an output.
-    pub(super) fn axes(name: &str) -> (String, String) {
-        if name == "raw" { ("y".into(), "x".into()) } else { (format!("{name}_y"), format!("{name}_x")) }
-    }
-
     /// The files that follow from the attributes.
     pub(super) fn derived(&self) -> Derived {
         Derived { coordinates: self.coordinates(), arrays: self.arrays() }
@@ -119,18 +106,16 @@ impl RawSpec {
             ("exposure_s".to_owned(), coordinate("frame", "s", "exposure time", &self.exposure_s)),
         ];
         for o in &self.outputs {
-            let (y, x) = Self::axes(&o.name);
             let down = mm(o.rect.y, o.rect.height, self.sensor.height, self.centre_mm.0);
             let across = mm(o.rect.x, o.rect.width, self.sensor.width, self.centre_mm.1);
-            all.push((y.clone(), coordinate(&y, "mm", "distance below the optical axis", &down)));
-            all.push((x.clone(), coordinate(&x, "mm", "distance right of the optical axis", &across)));
+            all.extend(o.coordinates(&down, &across));
         }
         all
     }
 
     /// Metadata of an array of digital numbers of `size` with the field of view of `output`.
-    pub(super) fn counts_array(&self, output: &RawOutput, size: Size) -> Value {
-        let (shard, (y, x)) = (self.grid_of(size.rect()).shard, Self::axes(&output.name));
+    pub(super) fn counts_array(&self, output: &Output, size: Size) -> Value {
+        let (shard, (y, x)) = (self.grid_of(size.rect()).shard, output.axes());
         let codecs = sharding_of(Codec::Zstd, SampleType::U16, &[1, self.chunk, self.chunk], false);
         let shape = [self.exposure_s.len(), size.height, size.width];
         let (dimensions, units) = (["frame", &y, &x], json!({"units": "DN"}));
@@ -142,13 +127,13 @@ impl RawSpec {
 
     /// Name and metadata of every array but coordinates.
     pub(super) fn arrays(&self) -> Vec<(String, Value)> {
-        let counts = |o: &RawOutput| (o.name.clone(), self.counts_array(o, o.rect.size()));
+        let counts = |o: &Output| (o.name.clone(), self.counts_array(o, o.rect.size()));
         let mut all: Vec<_> = self.outputs.iter().map(counts).collect();
         if self.signal {
             let (rows, columns) = self.shard_shape(0);
             let codecs = sharding_of(Codec::Zstd, SampleType::F32, &[self.chunk, self.chunk], false);
             let rect = self.outputs[0].rect;
-            let (y, x) = Self::axes(&self.outputs[0].name);
+            let (y, x) = self.outputs[0].axes();
             let attributes = json!({"units": "s-1", "long_name": "electrons per second"});
             let metadata =
                 array(&[rect.height, rect.width], &[rows, columns], "float32", codecs, &[&y, &x], attributes);
@@ -158,14 +143,10 @@ impl RawSpec {
     }
 
     pub(super) fn attributes(&self, further: &Map<String, Value>) -> Map<String, Value> {
-        let outputs: Vec<Value> = self
-            .outputs
-            .iter()
-            .map(|o| json!({"name": o.name, "row": o.rect.y, "column": o.rect.x, "size": [o.rect.height, o.rect.width]}))
-            .collect();
-        let own = json!({
+        let outputs: Vec<Value> = self.outputs.iter().map(Output::to_json).collect();
+        let mut all = object! {
             "schema": GroupKind::Raw.schema(),
-            "layout": {
+            "layout": json!({
                 "sensor_size": [self.sensor.height, self.sensor.width],
                 "pitch_um": self.pitch_um,
                 "centre_mm": {"y": self.centre_mm.0, "x": self.centre_mm.1},
@@ -174,9 +155,8 @@ impl RawSpec {
                 "signal": self.signal,
                 "shard": self.shard,
                 "chunk": self.chunk,
-            },
-        });
-        let Value::Object(mut all) = own else { unreachable!("an object is written above") };
+            }),
+        };
         all.extend(further.clone());
         all
     }
@@ -185,13 +165,8 @@ impl RawSpec {
     pub(super) fn from_attributes(mut all: Map<String, Value>) -> Option<(Self, Map<String, Value>)> {
         all.shift_remove("schema")?;
         let a = all.shift_remove("layout")?;
-        let size = |v: &Value| -> Option<(usize, usize)> { serde_json::from_value(v.clone()).ok() };
-        let outputs = a["outputs"].as_array()?.iter().map(|o| {
-            let (height, width) = size(&o["size"])?;
-            let rect = Rect::new(o["row"].as_i64()?, o["column"].as_i64()?, height, width);
-            Some(RawOutput { name: o["name"].as_str()?.into(), rect })
-        });
-        let (height, width) = size(&a["sensor_size"])?;
+        let outputs = a["outputs"].as_array()?.iter().map(Output::from_json);
+        let (height, width) = serde_json::from_value(a["sensor_size"].clone()).ok()?;
         let side = |key: &str| usize::try_from(a[key].as_u64()?).ok();
         let spec = Self {
             outputs: outputs.collect::<Option<_>>()?,
@@ -214,7 +189,7 @@ impl RawSpec {
             && bounds::film_size(self.sensor).is_ok();
         let frames = bounds::BANDS.check_count(self.exposure_s.len()).is_ok();
         let outputs = bounds::OUTPUTS.check_count(self.outputs.len()).is_ok();
-        let placed = |o: &RawOutput| {
+        let placed = |o: &Output| {
             let known =
                 o.name == "raw" || o.name.strip_prefix("roi_").is_some_and(|n| n.parse::<u32>().is_ok());
             let corner = |v: i64| (0..=1_000_000).contains(&v);

@@ -3,14 +3,14 @@
 mod pyramid;
 
 use super::*;
-use crate::group::Finding;
+use crate::group::{Finding, Output};
 use pipeline::geometry::Size;
 use serde_json::json;
 
 fn spec() -> RawSpec {
     let sensor = Size::new(70, 50);
     RawSpec {
-        outputs: vec![RawOutput { name: "raw".into(), rect: sensor.rect() }],
+        outputs: vec![Output { name: "raw".into(), rect: sensor.rect() }],
         sensor,
         pitch_um: 5.5,
         centre_mm: (0.0, 0.1),

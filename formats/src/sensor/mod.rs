@@ -13,7 +13,7 @@ mod text;
 use std::collections::BTreeSet;
 use std::path::{Path, PathBuf};
 
-use pipeline::sensor::{Adc, Channel, Curve, NoiseFigures, Pattern, Pixel, QuantumEfficiencyOf, Sensor};
+use pipeline::sensor::{Adc, Channel, Curve, Pattern, Pixel, QuantumEfficiencyOf, Sensor};
 use serde_json::{Map, Value, json};
 
 pub use builtin::builtin_names;
@@ -133,7 +133,7 @@ impl SensorFile {
 
     /// The sensor behind a film of this pitch.
     pub fn sensor(&self, film_pitch_um: f64) -> Sensor {
-        let (p, n, a) = (&self.text.pixel, &self.text.noise, &self.text.adc);
+        let (p, a) = (&self.text.pixel, &self.text.adc);
         let pitch_um = self.pitch_um().unwrap_or(film_pitch_um);
         Sensor {
             name: self.text.name.clone(),
@@ -151,17 +151,7 @@ impl SensorFile {
                 dark_reference_c: p.dark_reference_c,
                 dark_doubling_k: p.dark_doubling_k,
             },
-            noise: NoiseFigures {
-                read_noise_e: n.read_noise_e,
-                reset_noise_e: n.reset_noise_e,
-                adc_noise_dn: n.adc_noise_dn,
-                dsnu_e: n.dsnu_e,
-                prnu: n.prnu,
-                dark_nonuniformity: n.dark_nonuniformity,
-                column_offset_e: n.column_offset_e,
-                column_gain: n.column_gain,
-                row_noise_e: n.row_noise_e,
-            },
+            noise: self.text.noise,
             adc: Adc {
                 bits: a.bits,
                 gain_dn_per_e: a.gain_dn_per_e,

@@ -2,6 +2,7 @@
 
 use std::collections::BTreeMap;
 
+use pipeline::sensor::NoiseFigures;
 use serde::{Deserialize, Serialize};
 
 /// What marks a description.
@@ -15,7 +16,7 @@ pub(super) struct SensorText {
     pub description: String,
     pub pixel: PixelText,
     #[serde(default)]
-    pub noise: NoiseText,
+    pub noise: NoiseFigures,
     pub adc: AdcText,
     pub spectral: SpectralText,
     pub cfa: BTreeMap<String, CfaText>,
@@ -68,20 +69,6 @@ pub(super) enum AreaText {
     #[default]
     Pixel,
     Aperture,
-}
-
-#[derive(Clone, Copy, Debug, Default, Deserialize, Serialize)]
-#[serde(deny_unknown_fields, default)]
-pub(super) struct NoiseText {
-    pub read_noise_e: f64,
-    pub reset_noise_e: f64,
-    pub adc_noise_dn: f64,
-    pub dsnu_e: f64,
-    pub prnu: f64,
-    pub dark_nonuniformity: f64,
-    pub column_offset_e: f64,
-    pub column_gain: f64,
-    pub row_noise_e: f64,
 }
 
 #[derive(Clone, Debug, Deserialize, Serialize)]

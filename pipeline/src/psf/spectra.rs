@@ -6,7 +6,7 @@
 //! allocator would retain as much again as the bound.
 
 use crate::buffer::AlignedBuf;
-use std::collections::{BTreeMap, HashMap};
+use crate::lru::Lru;
 use std::sync::{Arc, Mutex, MutexGuard, OnceLock};
 
 /// (band index, node id).
@@ -35,11 +35,7 @@ struct Cache(Mutex<State>);
 
 #[derive(Debug, Default)]
 struct State {
-    /// Entry, time of last use, bytes.
-    entries: HashMap<SpectrumKey, (Entry, u64, usize)>,
-    by_age: BTreeMap<u64, SpectrumKey>,
-    clock: u64,
-    bytes: usize,
+    entries: Lru<SpectrumKey, Entry>,
     built: u64,
     retired: Vec<Arc<AlignedBuf>>,
 }
@@ -51,11 +47,8 @@ const MAPPED: usize = 32 << 10;
 
 impl State {
     fn evict(&mut self, limit: usize) {
-        while self.bytes > limit && self.by_age.len() > 1 {
-            let (_, oldest) = self.by_age.pop_first().expect("not empty");
-            let (entry, _, bytes) = self.entries.remove(&oldest).expect("in both maps");
-            self.bytes -= bytes;
-            let spectrum = Arc::into_inner(entry).and_then(OnceLock::into_inner);
+        while self.entries.bytes() > limit && self.entries.count() > 1 {
+            let spectrum = self.entries.pop_oldest().and_then(Arc::into_inner).and_then(OnceLock::into_inner);
             if self.retired.len() < MAX_RETIRED {
                 self.retired.extend(spectrum);
             }
@@ -125,7 +118,7 @@ impl Cache {
     }
 
     fn bytes(&self) -> usize {
-        self.lock().bytes
+        self.lock().entries.bytes()
     }
 
     /// As [`SpectrumCache::get`], within `limit` bytes, which is asked for when an entry is added.
@@ -140,19 +133,11 @@ impl Cache {
         let entry = {
             let mut guard = self.lock();
             let state = &mut *guard;
-            state.clock += 1;
-            let now = state.clock;
-            match state.entries.get_mut(&key) {
-                Some((entry, age, _)) => {
-                    state.by_age.remove(&std::mem::replace(age, now));
-                    state.by_age.insert(now, key);
-                    Arc::clone(entry)
-                }
+            match state.entries.get(key) {
+                Some(entry) => Arc::clone(entry),
                 None => {
                     let entry = Entry::default();
-                    state.entries.insert(key, (Arc::clone(&entry), now, bytes));
-                    state.by_age.insert(now, key);
-                    state.bytes += bytes;
+                    state.entries.insert(key, Arc::clone(&entry), bytes);
                     state.built += 1;
                     state.evict(limit());
                     buffer = state.buffer(bytes);

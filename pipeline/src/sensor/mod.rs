@@ -34,6 +34,8 @@ pub use exposure::{Exposure, NoiseSet, SignalHistogram};
 pub use spectrum::Curve;
 pub use variance::NoiseVariance;
 
+use serde::{Deserialize, Serialize};
+
 /// Pixels of a row that are computed together.
 pub const LANES: usize = 128;
 
@@ -70,8 +72,9 @@ pub struct Pixel {
     pub dark_doubling_k: f64,
 }
 
-/// Standard deviations of the noises.
-#[derive(Clone, Copy, Debug, Default, PartialEq)]
+/// Standard deviations of the noises, 0 where a description states none.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Deserialize, Serialize)]
+#[serde(deny_unknown_fields, default)]
 pub struct NoiseFigures {
     /// Read noise before the gain, e-.
     pub read_noise_e: f64,

@@ -4,7 +4,8 @@ use super::{Bench, FILM_MM, median};
 use anyhow::{Context, Result};
 use formats::chart::{ChartMeta, ChartOptions, ChartStore, Codec, NanPolicy, write_chart};
 use formats::durable::{Directory, evict};
-use formats::film::{FilmOutput, FilmSpec, FilmStore};
+use formats::film::{FilmSpec, FilmStore};
+use formats::group::Output;
 use pipeline::chart::Generator;
 use pipeline::flow::ChartSource;
 use pipeline::geometry::{Rect, Size};
@@ -40,7 +41,7 @@ fn encode(bench: &mut Bench<'_>, chart: &Generator, pixels: f64) -> Result<()> {
     chart.read(0, full, &mut data).map_err(|e| anyhow::anyhow!("{e}"))?;
     for (codec, name, rate_key, share_key) in CODECS {
         let spec = FilmSpec {
-            outputs: vec![FilmOutput { name: "film".into(), rect: full }],
+            outputs: vec![Output { name: "film".into(), rect: full }],
             shard: SHARD,
             chunk: 512,
             codec,

@@ -9,8 +9,7 @@
 use super::store;
 use crate::args::ImageArgs;
 use crate::failure::usage;
-use crate::job::threads;
-use crate::machine::default_limit;
+use crate::machine::{MAX_DEFAULT, MemoryLimit, threads};
 use crate::outputs::check_absent;
 use crate::progress::{counting, log_line};
 use anyhow::Result;
@@ -83,19 +82,18 @@ pub fn command(args: &ImageArgs) -> Result<()> {
     let power = |nm: f64| scale * light.relative_power(nm);
     let plan = plan(args, &file, light, &power)?;
     let size = file.size();
-    let limit = args.memory.unwrap_or_else(default_limit);
+    let limit = MemoryLimit::new(args.memory, MAX_DEFAULT);
     let needed = file.decoder_bytes() as u64 + MAX_THREAD_BYTES;
-    if file.decoder_bytes() > 0 && needed > limit {
-        return Err(usage(format!(
-            "--memory {limit} is too small: {} is decoded as a whole, which requires {needed} bytes; raise the limit, or convert it to \
-             PNG or TIFF, which are read row by row",
+    if file.decoder_bytes() > 0 && needed > limit.bytes {
+        return Err(limit.too_small(format!(
+            "{} is decoded as a whole, which requires {needed} bytes; raise the limit, or convert it to PNG or TIFF, which are read row by row",
             args.file.display()
         )));
     }
     let parent = parent_of(&args.out);
     create_directories(parent, true)?;
     let threads = threads(args.threads);
-    let max_threads = (limit / MAX_THREAD_BYTES).max(1) as usize;
+    let max_threads = (limit.bytes / MAX_THREAD_BYTES).max(1) as usize;
     let threads = threads.min(max_threads);
     let (bar, progress) = counting("reading the picture");
     let transfer = if args.linear { Transfer::Linear } else { Transfer::Srgb };

@@ -9,6 +9,7 @@ use formats::picture::figure::Figure;
 use formats::picture::plot::{Axis, Plot, Series, stacked};
 use formats::picture::series::Shape;
 use formats::picture::style::Style;
+use formats::picture::text::escape;
 
 const PAGE: &str = "body{font:15px/1.5 'DejaVu Sans',Helvetica,Arial,sans-serif;color:#111;max-width:1100px;margin:0 auto;padding:24px}\
 h1{font-size:24px}h2{font-size:19px;margin-top:32px;border-bottom:1px solid #bbb}table{border-collapse:collapse;font-size:13px}\
@@ -155,10 +156,6 @@ pub fn html(
         "<!DOCTYPE html>\n<html lang=\"en\"><head><meta charset=\"utf-8\"><title>lenscube compare</title><style>{PAGE}</style></head>\
          <body><h1>Comparison of two raws</h1>{body}</body></html>\n"
     )
-}
-
-fn escape(text: &str) -> String {
-    text.replace('&', "&amp;").replace('<', "&lt;").replace('>', "&gt;").replace('"', "&quot;")
 }
 
 /// Figures on stdout.

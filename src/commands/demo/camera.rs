@@ -3,12 +3,11 @@
 //! The camera is the sensor `example-2um`, one sensor pixel per film pixel, exposed and developed by the code of `lenscube sensor` and
 //! `lenscube develop`. Both pictures have the same mean luminance.
 
-use crate::args::{Cli, Command};
+use crate::args::{DevelopStyle, ExposeArgs};
+use crate::camera::Developer;
 use crate::camera::frame::Frame;
-use crate::camera::{Developer, plain_style};
 use crate::commands::sensor;
 use anyhow::Result;
-use clap::Parser;
 use formats::picture::image::Image;
 use pipeline::colour::srgb_decode;
 use pipeline::develop::{Quantizer, Tone};
@@ -17,22 +16,22 @@ use std::path::Path;
 /// The sensor of the demo.
 pub const SENSOR: &str = "example-2um";
 
-/// Runs `lenscube sensor FILM RAW` with the sensor's middle at `centre_mm` (x, y) from the axis; the exit code.
-pub fn expose(film: &str, raw: &Path, centre_mm: (f64, f64), threads: usize) -> Result<u8> {
-    let (raw, threads) = (raw.to_string_lossy(), threads.to_string());
-    let centre = format!("--center={},{}", centre_mm.0, centre_mm.1);
-    let flags = ["--exposure", "auto", "--overwrite", "--threads", &*threads, &*centre];
-    let words = ["lenscube", "sensor", film, &*raw, "--sensor", SENSOR];
-    let Command::Sensor(args) = Cli::try_parse_from(words.iter().chain(&flags))?.command else {
-        unreachable!("the command line begins with `sensor`")
-    };
-    sensor::command(&args)
+/// Exposes the sensor, its middle at `center` (x, y) in mm from the axis, to `film`; the exit code.
+pub fn expose(film: &str, raw: &Path, center: (f64, f64), threads: usize) -> Result<u8> {
+    sensor::expose(&ExposeArgs {
+        sensor: Some(SENSOR.into()),
+        exposure: Some("auto".into()),
+        center,
+        threads: Some(threads),
+        overwrite: true,
+        ..ExposeArgs::new(film, raw)
+    })
 }
 
 /// The developed raw with the mean luminance of `seen`.
 pub fn picture(raw: &Path, seen: &Image, threads: usize) -> Result<Image> {
     let frame = Frame::open(&raw.to_string_lossy(), 0, 0)?;
-    let developer = Developer::new(frame, &plain_style(), threads, 0)?;
+    let developer = Developer::new(frame, &DevelopStyle::default(), threads, 0)?;
     let rect = developer.rect();
     let linear = developer.linear(rect)?;
     let luminance = |rgb: [f64; 3]| 0.2126 * rgb[0] + 0.7152 * rgb[1] + 0.0722 * rgb[2];

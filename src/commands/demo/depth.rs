@@ -3,15 +3,14 @@
 //! The scene is drawn (`gen:depth-scene`): a disc at 0.1 m, a black ball, a floor, a wall at 1 m. The built-in lens `phone` blurs by 2.5 µm per dioptre, 11 px of
 //! this film between disc and wall.
 
-use super::{DemoDirectory, picture, text};
-use crate::args::{Cli, Command, DemoArgs, ProgressArg};
+use super::{DemoDirectory, picture, request, text};
+use crate::args::{DemoArgs, DepthArgs, ProgressArg, RunArgs};
 use crate::commands::chart::write;
 use crate::commands::run;
 use crate::failure::usage;
-use crate::job::threads;
+use crate::machine::threads;
 use crate::progress::{log_line, print};
 use anyhow::Result;
-use clap::Parser;
 use formats::chart::Codec;
 use formats::picture::exposure::Exposure;
 use formats::picture::sheet::{Crop, contact_sheet};
@@ -24,7 +23,7 @@ const SCENE: &str = "depth-scene?size=480x320&near_m=0.1&far_m=1&wavelengths=450
 /// Names of the films and their focus, m.
 const FOCUS: [(&str, f64); 3] = [("near", 0.1), ("middle", 0.18), ("far", 1.0)];
 /// Error between depth nodes: half of the default's nodes.
-const TOLERANCE: &str = "0.08";
+const TOLERANCE: f64 = 0.08;
 
 /// Makes scene, films and picture in the demo's directory; the exit code.
 pub fn command(args: &DemoArgs, demo: &mut DemoDirectory) -> Result<u8> {
@@ -57,15 +56,12 @@ Next commands
     Ok(0)
 }
 
-/// Runs `lenscube run SCENE FILM --focus-m …`; the exit code.
+/// Makes the film of the scene by the lens focused at `focus_m`; the exit code.
 fn film(chart: &str, film: &Path, focus_m: f64, threads: usize) -> Result<u8> {
-    let (film, focus, threads) = (text(film), focus_m.to_string(), threads.to_string());
-    let words = ["lenscube", "run", chart, &film, "--lens", LENS, "--focus-m", &focus, "--overwrite"];
-    let more = ["--depth-tolerance", TOLERANCE, "--threads", &threads];
-    let Command::Run(args) = Cli::try_parse_from(words.iter().chain(&more))?.command else {
-        unreachable!("the command line starts with `run`")
-    };
-    run::run_job(&args.job, None, ProgressArg::Auto)
+    let surfaces =
+        DepthArgs { focus_m: Some(focus_m), depth_tolerance: Some(TOLERANCE), ..DepthArgs::default() };
+    let job = RunArgs { lens: LENS.into(), surfaces, ..request(chart, film, threads) };
+    run::run_job(&job, None, ProgressArg::Auto)
 }
 
 /// Writes focus.png: the scene and the films under the same exposure.

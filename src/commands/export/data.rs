@@ -3,8 +3,8 @@
 use super::{Input, Selected};
 use crate::args::{ExportArgs, ExportFormatArg};
 use crate::failure::usage;
-use crate::job::threads;
 use crate::machine::peak_resident;
+use crate::machine::threads;
 use crate::open;
 use crate::progress::{counting, log_line, plural};
 use anyhow::Result;

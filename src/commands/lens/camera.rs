@@ -103,7 +103,7 @@ fn beyond_mm(system: &System, args: &CameraArgs) -> Result<f64> {
 
 /// Runs the command.
 pub fn command(args: &CameraArgs) -> Result<()> {
-    let system = design::focused(&args.design, &args.parameters, args.focus_m)?;
+    let (system, _) = design::focused(&args.design, &args.parameters, args.focus_m)?;
     let camera = Pinhole::new(args, &system).with_context(|| format!("camera of {}", args.design))?;
     print(match (args.renderer, args.json) {
         (Some(renderer), _) => renderer_text(renderer, &camera),

@@ -106,7 +106,7 @@ fn band_line(TracedBand { tables, report, .. }: &TracedBand) -> String {
 /// The design, focused as `args` say, and the options of its depth nodes.
 fn system(args: &TraceArgs) -> Result<(System, Option<DepthOptions>)> {
     let parameters = &args.parameters;
-    let system = design::focused(&args.design, parameters, args.focus_m)?;
+    let (system, _) = design::focused(&args.design, parameters, args.focus_m)?;
     let Some(range) = args.depths_m else { return Ok((system, None)) };
     let focus = match args.focus_m {
         Some(focus_m) => 1.0 / focus_m,

@@ -1,10 +1,13 @@
 //! The command line of a job in a form that another process can repeat: chart, film, and one string per flag.
+//!
+//! A plan file holds it as text, so that plans of other versions of the program remain readable: a process that starts from a plan parses it,
+//! together with the flags that it was given itself.
 
-use crate::args::{Cli, Command, ProcessArgs, RunArgs};
+use crate::args::{ProcessArgs, RunArgs};
 use crate::failure::usage;
 use anyhow::{Context, Result};
 use clap::parser::ValueSource;
-use clap::{ArgAction, ArgMatches, Args, CommandFactory, FromArgMatches};
+use clap::{ArgAction, ArgMatches, Args, Command, FromArgMatches};
 use formats::durable::is_url;
 use serde::{Deserialize, Serialize};
 use std::path::Path;
@@ -29,8 +32,8 @@ impl CommandLine {
     /// # Errors
     /// A value that is not UTF-8 and therefore cannot be stored in JSON.
     pub fn given(matches: &ArgMatches) -> Result<Self> {
-        let job = RunArgs::augment_args(clap::Command::new("job"));
-        let process = ProcessArgs::augment_args(clap::Command::new("process"));
+        let job = RunArgs::augment_args(Command::new("job"));
+        let process = ProcessArgs::augment_args(Command::new("process"));
         let mut line = Self::default();
         for arg in job.get_arguments() {
             let id = arg.get_id().as_str();
@@ -58,21 +61,18 @@ impl CommandLine {
     /// # Errors
     /// Usage, as the parser reports it.
     pub fn parse(&self, overrides: &Self) -> Result<RunArgs> {
-        let program = ["lenscube", "run"].map(String::from);
         let paths = [
             overrides.chart.as_ref().or(self.chart.as_ref()),
             overrides.film.as_ref().or(self.film.as_ref()),
         ];
         let paths = paths.into_iter().flatten().cloned();
-        let all = program.into_iter().chain(self.flags.iter().chain(&overrides.flags).cloned());
+        let all = self.flags.iter().chain(&overrides.flags).cloned();
         let all = all.chain(["--".to_owned()]).chain(paths);
         // A later flag replaces an earlier one.
-        let command = Cli::command().mut_subcommand("run", |run| run.args_override_self(true));
-        let matches = command.try_get_matches_from(all).map_err(|e| usage(first_line(&e)))?;
-        match Cli::from_arg_matches(&matches)?.command {
-            Command::Run(run) => Ok(run.job),
-            _ => unreachable!("`run` is the command given above"),
-        }
+        let command =
+            RunArgs::augment_args(Command::new("run")).no_binary_name(true).args_override_self(true);
+        let matches = command.try_get_matches_from(all);
+        matches.and_then(|matches| RunArgs::from_arg_matches(&matches)).map_err(|e| usage(first_line(&e)))
     }
 }
 

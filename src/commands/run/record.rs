@@ -12,6 +12,7 @@ use crate::progress::jsonl::Jsonl;
 use crate::progress::{detail_line, json_path, log_line, summary_details, summary_line};
 use formats::durable::ProcessIdentity;
 use formats::film::FilmStore;
+use formats::object;
 use pipeline::clock::{Phase, PhaseTimes};
 use pipeline::cuda::memory::DeviceQueue;
 use pipeline::executor::Summary;
@@ -108,7 +109,7 @@ fn record(
     let now = SystemTime::now().duration_since(SystemTime::UNIX_EPOCH);
     let count = |counter: &AtomicU64| counter.load(Ordering::Relaxed);
     let interrupted = summary.is_some_and(|s| s.interrupted);
-    let details = json!({
+    let details = object! {
         "program": concat!("lenscube ", env!("CARGO_PKG_VERSION")),
         "command_line": std::env::args_os().map(|a| a.to_string_lossy().into_owned()).collect::<Vec<_>>(),
         "host": ProcessIdentity::current().host,
@@ -132,8 +133,7 @@ fn record(
         "interrupted": interrupted,
         "thread_s": summary.map(|s| seconds_by_phase(&s.times)),
         "core_s": summary.map(|s| seconds_by_phase(&s.core)),
-    });
-    let Value::Object(details) = details else { unreachable!("an object is written above") };
+    };
     RunRecord {
         finished_unix_s: Some(now.map_or(0, |d| d.as_secs())),
         outcome: match (&error, interrupted) {

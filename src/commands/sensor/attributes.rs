@@ -5,6 +5,7 @@ use super::settle::Settled;
 use crate::film::digest;
 use crate::progress::mib;
 use crate::progress::{log_line, plural};
+use formats::object;
 use formats::raw::RawSpec;
 use pipeline::colour::Illuminant;
 use pipeline::develop::ColourMatrix;
@@ -44,7 +45,7 @@ impl Plan {
 
     /// All that the raw records; nothing that differs from run to run.
     pub fn attributes(&self, settled: &Settled) -> Map<String, Value> {
-        let (s, layout) = (&self.sensor, super::layout());
+        let (s, layout) = (&self.sensor, layout());
         let names: Vec<&str> = s.channels.iter().map(|c| c.name.as_str()).collect();
         let pattern: Vec<Vec<&str>> = s
             .pattern
@@ -81,38 +82,36 @@ impl Plan {
             .enumerate()
             .map(|(c, n)| ((*n).to_owned(), json!(s.band_weights(c, &wavelengths_nm))))
             .collect();
-        let value = json!({
-            "provenance": {
+        object! {
+            "provenance": json!({
                 "program": concat!("lenscube ", env!("CARGO_PKG_VERSION")),
                 "job_digest": digest(&identity),
                 "job": identity,
                 "layout_digest": digest(&layout),
                 "layout": layout,
-            },
+            }),
             "sensor": self.file.record(),
             "bits": s.adc.bits,
             "black_dn": s.adc.black_dn,
             "white_dn": s.white_dn(self.gain),
             "gain": self.gain,
             "dn_per_e": self.gain * s.adc.gain_dn_per_e,
-            "cfa": { "pattern": pattern, "planes": planes },
-            "white_gains": {
+            "cfa": json!({ "pattern": pattern, "planes": planes }),
+            "white_gains": json!({
                 "D65": by_name(s.white_gains(Illuminant::D65)),
                 "A": by_name(s.white_gains(Illuminant::A)),
-            },
-            "matrices": {
+            }),
+            "matrices": json!({
                 "D65": matrix(s, Illuminant::D65),
                 "A": matrix(s, Illuminant::A),
-            },
+            }),
             "film_wavelengths_nm": wavelengths_nm,
             "band_weights_nm_per_j": weights,
             "area_m2": s.area_m2(),
             "film": film,
             "film_scale": settled.scale,
             "signal_identity": self.signal_identity,
-        });
-        let Value::Object(map) = value else { unreachable!("an object is written above") };
-        map
+        }
     }
 
     /// Prints what is known before any pixel.
@@ -149,4 +148,9 @@ impl Plan {
         };
         log_line(format!("exposure {}{scale}", times.join(", ")));
     }
+}
+
+/// Shards of a raw as they are laid out by this program.
+fn layout() -> Value {
+    serde_json::json!({ "shard": RawSpec::LAYOUT.0, "chunk": RawSpec::LAYOUT.1, "codec": "zstd" })
 }

@@ -1,7 +1,6 @@
 //! Position of the sensor on the film: its size, its centre, the weights of film pixels.
 
 use super::film::Film;
-use super::resolve::check_rois;
 use crate::args::{ExposeArgs, SizeArg, size_order_note};
 use crate::failure::usage;
 use crate::progress::log_line;
@@ -125,6 +124,17 @@ impl Geometry {
             "centre_um": {"y": self.rows.centre_um, "x": self.columns.centre_um},
             "resample": match self.resample { Resample::Cubic => "cubic", Resample::Area => "area" },
         })
+    }
+}
+
+/// Fails for regions that are not inside the sensor.
+pub fn check_rois(args: &ExposeArgs, size: Size) -> Result<()> {
+    match args.roi.iter().find(|r| !size.rect().contains(**r)) {
+        None => Ok(()),
+        Some(roi) => Err(usage(format!(
+            "--roi {},{},{},{} is not inside the sensor of {size} pixels",
+            roi.x, roi.y, roi.width, roi.height
+        ))),
     }
 }
 

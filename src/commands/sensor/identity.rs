@@ -4,6 +4,7 @@ use super::film::Film;
 use super::geometry::Geometry;
 use crate::args::ExposeArgs;
 use crate::film::digest;
+use formats::object;
 use pipeline::sensor::{QuantumEfficiencyOf, Sensor};
 use serde_json::{Map, Value, json};
 
@@ -58,7 +59,7 @@ pub fn of_job(
     relative: bool,
 ) -> Map<String, Value> {
     let nominal = relative.then(|| args.nominal.clone());
-    let value = json!({
+    object! {
         "numeric_version": NUMERIC_VERSION,
         "signal": signal,
         "sensor": sensor.name,
@@ -75,7 +76,5 @@ pub fn of_job(
         "nominal": nominal,
         "keep_signal": args.keep_signal,
         "rois": args.roi.iter().map(|r| [r.x, r.y, r.width as i64, r.height as i64]).collect::<Vec<_>>(),
-    });
-    let Value::Object(map) = value else { unreachable!("an object is written above") };
-    map
+    }
 }

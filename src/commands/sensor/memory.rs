@@ -4,7 +4,7 @@
 //! thread: the film pixels of a row block and column block, their sums, a shard of digital numbers and its encoded bytes. The rest is a cache of decoded
 //! chunks where column blocks share film columns, at most two columns of chunks of all bands.
 
-use crate::failure::usage;
+use crate::machine::MemoryLimit;
 use crate::progress::mib;
 use anyhow::Result;
 
@@ -49,9 +49,9 @@ pub struct Memory {
 }
 
 impl Memory {
-    /// Plans within `limit` bytes with at most `threads` threads.
-    pub fn plan(limit: u64, threads: usize, needs: &Needs) -> Result<Self> {
-        let limit = usize::try_from(limit).unwrap_or(usize::MAX);
+    /// Plans within the limit `given`, with at most `threads` threads.
+    pub fn plan(given: MemoryLimit, threads: usize, needs: &Needs) -> Result<Self> {
+        let limit = usize::try_from(given.bytes).unwrap_or(usize::MAX);
         let block = (BLOCK_ROWS.div_ceil(needs.chunk.0) * needs.chunk.0, needs.chunk.1);
         let rows = (block.0 as f64 / needs.ratio).ceil() as usize + 1;
         let signal = 4 * needs.width * (needs.shard.0 + needs.planes * rows);
@@ -66,9 +66,8 @@ impl Memory {
         let fit = (1..=threads).rev().find(|n| fixed + n * worker <= usable);
         let Some(threads) = fit else {
             let minimum = (fixed + worker) / 15 * 16;
-            return Err(usage(format!(
-                "--memory {} is too small: rows of {} pixels need at least {}; give that much, or a smaller --size",
-                mib(limit),
+            return Err(given.too_small(format!(
+                "rows of {} pixels need at least {}; give that much, or a smaller --size",
                 needs.width,
                 mib(minimum)
             )));
@@ -82,6 +81,10 @@ impl Memory {
 #[cfg(test)]
 mod tests {
     use super::*;
+
+    fn plan(bytes: u64, threads: usize, needs: &Needs) -> Result<Memory> {
+        Memory::plan(MemoryLimit::new(Some(bytes), DEFAULT), threads, needs)
+    }
 
     fn needs(aligned: bool) -> Needs {
         Needs {
@@ -97,10 +100,10 @@ mod tests {
 
     #[test]
     fn largest_sensor_works_in_256_mib_and_100_mib_is_an_error() {
-        let memory = Memory::plan(256 << 20, 2, &needs(true)).unwrap();
+        let memory = plan(256 << 20, 2, &needs(true)).unwrap();
         assert!(memory.threads >= 1 && memory.cache == 0);
-        assert!(Memory::plan(100 << 20, 2, &needs(true)).unwrap_err().to_string().contains("too small"));
-        let memory = Memory::plan(1 << 30, 2, &Needs { ratio: 2.75, width: 5142, ..needs(false) }).unwrap();
+        assert!(plan(100 << 20, 2, &needs(true)).unwrap_err().to_string().contains("too small"));
+        let memory = plan(1 << 30, 2, &Needs { ratio: 2.75, width: 5142, ..needs(false) }).unwrap();
         assert_eq!((memory.threads, memory.cache), (2, (4 * 31) << 20));
     }
 }

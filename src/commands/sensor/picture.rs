@@ -3,11 +3,12 @@
 //! The frame is exposed into a raw beside the file, `OUT.raw.zarr`, so that an interrupted command resumes; when the file is complete, that
 //! raw is removed. DNG holds the digital numbers; TIFF and PNG hold them as 16-bit grey, scaled so that 2^bits − 1 is 65535.
 
+use super::raw;
 use super::resolve::Plan;
 use crate::args::ExposeArgs;
 use crate::camera::frame::Frame;
 use crate::failure::{code, replacing_other_job, usage};
-use crate::job::threads;
+use crate::machine::threads;
 use crate::outputs::check_absent;
 use crate::progress::interrupt;
 use crate::progress::{counting, log_line};
@@ -65,13 +66,9 @@ pub fn temporary_raw(out: &Path) -> PathBuf {
     name.into()
 }
 
-/// Exposes one frame into `out`; `expose` makes the raw of a plan with the given arguments. With `--overwrite` a raw of the same job is resumed,
+/// Exposes one frame of `film` into `out`. With `--overwrite` a raw of the same job is resumed,
 /// one of another job replaced.
-pub fn command(
-    args: &ExposeArgs,
-    (film, out, format): (&str, &Path, FileFormat),
-    expose: impl Fn(&ExposeArgs, &Plan) -> Result<u8>,
-) -> Result<u8> {
+pub fn command(args: &ExposeArgs, film: &str, (out, format): (&Path, FileFormat)) -> Result<u8> {
     let shown = out.display();
     let several =
         args.frames > 1 || args.roi.len() > 1 || args.exposure.as_deref().is_some_and(|e| e.contains(','));
@@ -87,26 +84,26 @@ pub fn command(
     if format == FileFormat::Dng {
         check_dng(&plan.sensor, rect, out)?;
     }
-    let raw = temporary_raw(out);
-    let resuming = ExposeArgs { raw: Some(raw.clone()), overwrite: false, ..args.clone() };
+    let path = temporary_raw(out);
+    let resuming = ExposeArgs { overwrite: false, ..args.clone() };
     let code = replacing_other_job(
         args.overwrite,
-        || expose(&resuming, &plan),
-        || super::remove(&raw, args.take_over),
+        || raw::expose(&resuming, &plan, &path),
+        || raw::remove(&path, args.take_over),
     )?;
     if code != 0 {
         return Ok(code);
     }
     let cancel = interrupt::cancel_flag();
     fault_point("file-begins");
-    match convert(args, &plan, &raw, (out, format), cancel) {
+    match convert(args, &plan, &path, (out, format), cancel) {
         Err(_) if cancel.load(Relaxed) => {
             log_line(format!("interrupted: {shown} was not written; the same command resumes"));
             return Ok(code::INTERRUPTED);
         }
         converted => converted?,
     }
-    RawStore::remove(&raw)?;
+    RawStore::remove(&path)?;
     log_line(format!("wrote {shown}: {} px", rect.size()));
     Ok(0)
 }

@@ -2,17 +2,18 @@
 
 use super::exposure::{Times, time};
 use super::film::Film;
-use super::geometry::Geometry;
+use super::geometry::{Geometry, check_rois};
+use super::kept::Kept;
 use super::memory::{self, Memory, Needs};
-use super::signal::Kept;
-use super::{identity, open_sensor, warnings};
+use super::open::open_sensor;
+use super::{identity, warnings};
 use crate::args::ExposeArgs;
 use crate::camera::frame::split_group;
 use crate::failure::usage;
-use crate::job::threads;
-use crate::machine::default_limit;
+use crate::machine::{MemoryLimit, threads};
 use anyhow::Result;
-use formats::raw::{RawOutput, RawSpec, RawStore};
+use formats::group::Output;
+use formats::raw::{RawSpec, RawStore};
 use formats::sensor::SensorFile;
 use pipeline::geometry::{Rect, Size};
 use pipeline::sensor::pixels::Resample;
@@ -46,7 +47,7 @@ pub struct Plan {
     pub(super) film_scale: Option<f64>,
     /// Seed, die, noises, temperature.
     pub exposure: Exposure,
-    pub(super) outputs: Vec<RawOutput>,
+    pub(super) outputs: Vec<Output>,
     pub(super) keep_signal: bool,
     /// All that changes pixels.
     pub identity: Map<String, Value>,
@@ -72,7 +73,7 @@ impl Plan {
             ));
         }
         let threads = threads(args.threads);
-        let limit = args.memory.unwrap_or_else(|| default_limit().min(memory::DEFAULT));
+        let limit = MemoryLimit::new(args.memory, memory::DEFAULT);
         let (path, array) = split_group(film);
         if array.is_empty() && RawStore::is_one(Path::new(path)).unwrap_or(false) {
             return Self::of_kept(args, Path::new(path), times, (limit, threads));
@@ -116,7 +117,12 @@ impl Plan {
         Self::with(args, source, (file, sensor), times, memory, (signal_identity, relative, size), notes)
     }
 
-    fn of_kept(args: &ExposeArgs, path: &Path, times: Times, (limit, threads): (u64, usize)) -> Result<Self> {
+    fn of_kept(
+        args: &ExposeArgs,
+        path: &Path,
+        times: Times,
+        (limit, threads): (MemoryLimit, usize),
+    ) -> Result<Self> {
         let kept = Kept::open(path)?;
         let geometry_flags = args.size.is_some()
             || args.center != (0.0, 0.0)
@@ -243,17 +249,6 @@ impl Plan {
     }
 }
 
-/// Fails for regions that are not inside the sensor.
-pub fn check_rois(args: &ExposeArgs, size: Size) -> Result<()> {
-    match args.roi.iter().find(|r| !size.rect().contains(**r)) {
-        None => Ok(()),
-        Some(roi) => Err(usage(format!(
-            "--roi {},{},{},{} is not inside the sensor of {size} pixels",
-            roi.x, roi.y, roi.width, roi.height
-        ))),
-    }
-}
-
 /// Whether times and a relative film go together.
 fn check_scale(args: &ExposeArgs, relative: bool, auto: bool, what: &str) -> Result<()> {
     match relative && !auto && args.film_lux.is_none() && args.film_scale.is_none() {
@@ -290,10 +285,10 @@ fn gain(args: &ExposeArgs, sensor: &Sensor) -> Result<f64> {
     }
 }
 
-fn outputs(args: &ExposeArgs, size: Size) -> Vec<RawOutput> {
-    let window = |(i, rect): (usize, &Rect)| RawOutput { name: format!("roi_{i}"), rect: *rect };
+fn outputs(args: &ExposeArgs, size: Size) -> Vec<Output> {
+    let window = |(i, rect): (usize, &Rect)| Output { name: format!("roi_{i}"), rect: *rect };
     match args.roi.is_empty() {
-        true => vec![RawOutput { name: "raw".into(), rect: size.rect() }],
+        true => vec![Output { name: "raw".into(), rect: size.rect() }],
         false => args.roi.iter().enumerate().map(window).collect(),
     }
 }

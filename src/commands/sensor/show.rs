@@ -1,6 +1,6 @@
 //! `lenscube sensor list` and `show`.
 
-use super::open_sensor;
+use super::open::open_sensor;
 use crate::args::{SensorShowArgs, check_directory};
 use crate::outputs::check_absent_in;
 use crate::progress::{log_line, print};

@@ -1,6 +1,6 @@
 //! `lenscube sensor validate`: EMVA 1288 on the sensor itself, against its description.
 
-use super::open_sensor;
+use super::open::open_sensor;
 use super::show::{FIGURES, bench, write};
 use crate::args::{SensorValidateArgs, check_directory};
 use crate::failure::code;

@@ -1,20 +1,12 @@
-//! Warnings and notes about a raw: light that the film does not hold, clipping, a low black, negative light.
+//! Warnings and notes before a raw is made: light that the film does not hold, a low black.
 
-use super::exposure::Times;
-use super::resolve::Plan;
-use super::settle::Settled;
-use super::write::Done;
 use crate::failure::usage;
-use crate::progress::log_line;
 use anyhow::Result;
 use pipeline::sensor::Sensor;
 use std::path::Path;
 
 /// Share of the response outside the film's bands that is warned of.
 const OUTSIDE: f64 = 0.01;
-/// Shares of pixels that are warned of.
-const CLIPPED: f64 = 0.01;
-const NEGATIVE: f64 = 1e-3;
 /// Black must lie this many standard deviations of the dark above 0.
 const BLACK_SIGMAS: f64 = 4.0;
 
@@ -82,47 +74,4 @@ pub fn of_black(sensor: &Sensor, gain: f64, temperature_c: Option<f64>) -> Optio
             (BLACK_SIGMAS * sigma).ceil()
         )
     })
-}
-
-/// What the pixels showed.
-pub fn after(plan: &Plan, settled: &Settled, done: &Done) {
-    let share = |n: u64, all: u64| n as f64 / all.max(1) as f64;
-    let negative = share(done.negative, done.pixels);
-    if done.negative > 0 {
-        let kind = if negative > NEGATIVE { "warning" } else { "note" };
-        log_line(format!(
-            "{kind}: {} pixels ({:.3} %) of negative light count as 0",
-            done.negative,
-            100.0 * negative
-        ));
-    }
-    if done.numbers == 0 {
-        return;
-    }
-    let white = share(done.white, done.numbers);
-    let automatic = matches!(plan.times, Times::Auto { .. });
-    if white > CLIPPED {
-        let way_out = match automatic {
-            true => "a smaller share of saturation or a higher percentile, --exposure auto:FILL@PERCENTILE",
-            false => "a shorter exposure, or --exposure auto",
-        };
-        log_line(format!("warning: {:.1} % of the pixels are clipped at white; {way_out}", 100.0 * white));
-    }
-    if done.lit == 0 {
-        let way_out = match automatic {
-            true => "a greater share of saturation, --exposure auto:FILL",
-            false => "a longer exposure, a gain, or --exposure auto",
-        };
-        log_line(format!("warning: no pixel is above 10 % of white; {way_out}"));
-    }
-    let median = done.histogram.value_at(50.0) * settled.scale;
-    let dark = match plan.exposure.noise.has(pipeline::sensor::NoiseSet::DARK) {
-        true => plan.sensor.dark_current_e_per_s(plan.exposure.temperature_c),
-        false => 0.0,
-    };
-    if dark > median {
-        log_line(format!(
-            "warning: dark current of {dark:.3} e-/s exceeds the signal's median of {median:.3} e-/s"
-        ));
-    }
 }

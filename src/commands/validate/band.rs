@@ -1,7 +1,8 @@
 //! Comparison of the films with the reference lens, band by band.
 
 use super::distortion::{self, Point, PointFilm};
-use super::edge::{self, EdgeFilm, EdgePlace, EdgeResult};
+use super::edge::{self, EdgeFilm, EdgeResult};
+use super::edge_places::EdgePlace;
 use super::error_budget::RunPsfs;
 use super::illumination::{self, Illumination, UniformFilms};
 use super::setup::Setup;

@@ -13,6 +13,7 @@ use anyhow::{Context, Result};
 use pipeline::chart::Generator;
 use pipeline::geometry::Rect;
 use pipeline::measure::centroid::centroid;
+use pipeline::stage::Stage;
 
 /// Points along a side.
 const COUNT: usize = 9;
@@ -74,7 +75,7 @@ pub fn simulate(setup: &Setup, psf: bool) -> Result<PointFilm> {
         inside_film(rect, setup.size, "a point near the border")
     };
     let rects: Vec<Rect> = points.iter().map(rect).collect::<Result<_>>()?;
-    let stages = if psf { "ri,distortion,svpsf" } else { "ri,distortion" };
+    let stages = if psf { Stage::REMAP_AND_PSF } else { Stage::REMAP };
     let pixels = setup.simulate(&chart, stages, &rects)?;
     Ok(PointFilm { points, rects, pixels, psf })
 }

@@ -11,6 +11,7 @@
 //! *Entire pixels.* The film sums light over discrete pixels. Integrated over the plane instead, with squares for both apertures,
 //! the curve differs by up to 1.5e-2 where the PSF has detail finer than a pixel ([`super::error_budget`], `sampling`).
 
+use super::edge_places::{EdgePlace, angles};
 use super::error_budget::{ErrorBudget, MeasuredEdge, RunPsfs};
 use super::film_maker::inside_film;
 use super::interpolated_lens::InterpolatedLens;
@@ -22,35 +23,14 @@ use pipeline::measure::agreement::{Agreement, agreement};
 use pipeline::measure::edge::{Esf, EsfSample, OVERSAMPLING};
 use pipeline::measure::expected::{ExpectedEsf, Share, StepEdge, catmull_rom};
 use pipeline::measure::sfr::Mtf;
+use pipeline::stage::Stage;
 
 /// Half the measured length of an edge: eleven complete crossings of the pixel columns at 5°.
 const HALF_LENGTH_PX: f64 = 62.9;
 /// Distance of a plateau from the PSF's half window, and its width.
 const PLATEAU_PX: (f64, f64) = (3.0, 8.0);
-/// Slant, degrees.
-const SLANT_DEG: f64 = 5.0;
 /// Resolution of the mean interpolation weights, steps per film pixel.
 const WEIGHT_STEPS: f64 = 64.0;
-
-/// Position and direction of an edge.
-#[derive(Clone, Debug, PartialEq)]
-pub struct EdgePlace {
-    /// `centre`, `mid-field` or `corner`.
-    pub name: &'static str,
-    /// Direction of the normal: `radial` or `tangential`.
-    pub direction: &'static str,
-    /// Centre (row, column) of the edge on the chart, film pixels.
-    pub centre_px: (f64, f64),
-    /// Azimuth of the normal on the chart, from dark to light, degrees.
-    pub angle_deg: f64,
-}
-
-impl EdgePlace {
-    /// Position and direction, e.g. `corner, radial`.
-    pub fn title(&self) -> String {
-        format!("{}, {}", self.name, self.direction)
-    }
-}
 
 /// Results of one edge in one band.
 #[derive(Clone, Debug)]
@@ -68,35 +48,6 @@ pub struct EdgeResult {
     pub error_budget: ErrorBudget,
     pub film_mtf: Mtf,
     pub lens_mtf: Mtf,
-}
-
-/// The six edges on a film of `size` px: on the paper's film mid-field and corner are at 10 mm and 19 mm.
-pub fn places(size: usize) -> Vec<EdgePlace> {
-    let (middle, half) = ((size as f64 - 1.0) / 2.0, size as f64 / 2.0);
-    let positions = [
-        ("centre", (0.0, 0.0), 0.0),
-        ("mid-field", (0.0, std::f64::consts::FRAC_1_SQRT_2), 0.0),
-        ("corner", (0.95, 0.95), 45.0),
-    ];
-    // Slants to opposite sides: a PSF rotated by twice the slant can leave the curve of one edge unchanged, never of both.
-    let directions = [("radial", SLANT_DEG), ("tangential", 90.0 - SLANT_DEG)];
-    let place = |(name, (y, x), azimuth_deg): (&'static str, (f64, f64), f64)| {
-        directions.map(|(direction, angle_deg)| EdgePlace {
-            name,
-            direction,
-            centre_px: ((middle + y * half).round(), (middle + x * half).round()),
-            angle_deg: azimuth_deg + angle_deg,
-        })
-    };
-    positions.into_iter().flat_map(place).collect()
-}
-
-/// Angles of the edges, ascending; edges of one angle are in one film.
-pub fn angles(places: &[EdgePlace]) -> Vec<f64> {
-    let mut angles: Vec<f64> = places.iter().map(|p| p.angle_deg).collect();
-    angles.sort_by(f64::total_cmp);
-    angles.dedup();
-    angles
 }
 
 /// Film region around an edge.
@@ -130,7 +81,7 @@ pub fn simulate(setup: &Setup, places: &[EdgePlace]) -> Result<Vec<EdgeFilm>> {
             inside_film(rect, setup.size, &format!("the edge at the {}", p.name))
         });
         let rects: Vec<Rect> = rects.collect::<Result<_>>()?;
-        let mut bands = setup.simulate(&chart, "ri,distortion,svpsf", &rects)?;
+        let mut bands = setup.simulate(&chart, Stage::REMAP_AND_PSF, &rects)?;
         for (i, (place, rect)) in edges.into_iter().zip(rects).enumerate() {
             let pixels = bands.iter_mut().map(|band| std::mem::take(&mut band[i])).collect();
             films.push(EdgeFilm { place: place.clone(), rect, pixels });

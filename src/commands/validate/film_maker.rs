@@ -1,15 +1,15 @@
-//! Simulated films: each made by the code of `lenscube run` from a command line, read back and removed.
+//! Simulated films: each made by the code of `lenscube run`, read back and removed.
 
-use crate::args::{Cli, Command, Device, EngineArg, ProgressArg};
+use crate::args::{Device, EngineArg, ProgressArg, RunArgs};
 use crate::commands::run;
 use crate::failure::{Coded, usage};
 use crate::progress::as_step;
 use anyhow::{Context, Result};
-use clap::Parser;
 use formats::chart::{ChartOptions, ChartStore, NanPolicy};
 use formats::durable::temp_name;
 use formats::film::FilmStore;
 use pipeline::geometry::{Rect, Size};
+use pipeline::stage::Stage;
 use std::path::{Path, PathBuf};
 
 /// Settings of the simulated films.
@@ -34,7 +34,7 @@ pub type RegionPixels = Vec<Vec<Vec<f32>>>;
 
 impl FilmMaker {
     /// Simulates the film of `chart` by `stages` and reads its regions `rects`.
-    pub fn simulate(&self, chart: &str, stages: &str, rects: &[Rect]) -> Result<RegionPixels> {
+    pub fn simulate(&self, chart: &str, stages: &[Stage], rects: &[Rect]) -> Result<RegionPixels> {
         if !self.full {
             return self.film(chart, stages, rects, None);
         }
@@ -50,7 +50,7 @@ impl FilmMaker {
     fn film(
         &self,
         chart: &str,
-        stages: &str,
+        stages: &[Stage],
         rects: &[Rect],
         full_band: Option<usize>,
     ) -> Result<RegionPixels> {
@@ -68,33 +68,23 @@ impl FilmMaker {
         &self,
         path: &Path,
         chart: &str,
-        stages: &str,
+        stages: &[Stage],
         rects: &[Rect],
         full_band: Option<usize>,
     ) -> Result<RegionPixels> {
-        let mut arguments: Vec<String> =
-            ["lenscube", "run", "--lens", &self.lens, "--stages", stages, "--no-fsync"]
-                .map(String::from)
-                .into();
-        match full_band {
-            Some(band) => arguments.extend(["--bands".into(), format!("#{band}")]),
-            None => {
-                for r in rects {
-                    arguments.extend(["--roi".into(), format!("{},{},{},{}", r.x, r.y, r.width, r.height)]);
-                }
-            }
-        }
-        arguments.extend(["--threads".into(), self.threads.to_string()]);
-        if let Some(memory) = self.memory {
-            arguments.extend(["--memory".into(), memory.to_string()]);
-        }
-        arguments.extend(["--device".into(), self.device.to_string()]);
-        arguments.extend(["--engine".into(), self.engine.to_string(), "--".into(), chart.into()]);
-        arguments.push(path.to_string_lossy().into_owned());
-        let Command::Run(args) = Cli::try_parse_from(arguments)?.command else {
-            unreachable!("the command line starts with `run`")
+        let job = RunArgs {
+            lens: self.lens.clone(),
+            stages: stages.to_vec(),
+            bands: full_band.map(|band| format!("#{band}")),
+            roi: if full_band.is_none() { rects.to_vec() } else { Vec::new() },
+            no_fsync: true,
+            threads: Some(self.threads),
+            memory: self.memory,
+            device: self.device.clone(),
+            engine: self.engine,
+            ..RunArgs::new(chart, path)
         };
-        let code = as_step(|| run::run_job(&args.job, None, ProgressArg::None))
+        let code = as_step(|| run::run_job(&job, None, ProgressArg::None))
             .with_context(|| format!("simulating the film of {chart}"))?;
         if code != 0 {
             let message = "interrupted; run the same command again to start over".into();

@@ -18,6 +18,7 @@ use super::setup::Setup;
 use anyhow::Result;
 use pipeline::geometry::Rect;
 use pipeline::measure::agreement::{Agreement, agreement};
+use pipeline::stage::Stage;
 
 /// Bins from the axis to the corner.
 const BINS: f64 = 80.0;
@@ -91,7 +92,7 @@ pub fn simulate(setup: &Setup) -> Result<UniformFilms> {
     let chart = setup.chart("uniform", "&value=1");
     let rects: Vec<Rect> =
         regions.iter().map(|r| inside_film(r.1, n, "relative illumination")).collect::<Result<_>>()?;
-    let pixels = setup.simulate(&chart, "ri,distortion", &rects)?;
+    let pixels = setup.simulate(&chart, Stage::REMAP, &rects)?;
     let psf_regions: Vec<Rect> = PSF_POSITIONS
         .iter()
         .map(|out| {
@@ -100,7 +101,7 @@ pub fn simulate(setup: &Setup) -> Result<UniformFilms> {
             inside_film(rect, n, "relative illumination with the PSF")
         })
         .collect::<Result<_>>()?;
-    let psf_pixels = setup.simulate(&chart, "ri,distortion,svpsf", &psf_regions)?;
+    let psf_pixels = setup.simulate(&chart, Stage::REMAP_AND_PSF, &psf_regions)?;
     Ok(UniformFilms { regions, pixels, psf_regions, psf_pixels })
 }
 

@@ -5,10 +5,10 @@ use super::distortion::mean_max;
 use super::figures::Figures;
 use super::limits::worst;
 use super::setup::Setup;
-use super::tables::{bands_table, edges_table, error_budget_table, escape, times_table};
+use super::tables::{bands_table, edges_table, error_budget_table, times_table};
 use crate::args::{Quantity, ValidateArgs};
 use formats::picture::style::{Colour, Style, hex};
-use formats::picture::text::font_css;
+use formats::picture::text::{escape, font_css};
 use serde_json::Value;
 
 const STYLE: &str = "body{font:15px/1.5 Inter,'DejaVu Sans',Helvetica,Arial,sans-serif;color:#111;max-width:1200px;margin:0 auto;\

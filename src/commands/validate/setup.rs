@@ -1,17 +1,18 @@
 //! Setup of a validation: film geometry, lens of the simulated films, reference lens; paths between chart and film.
 
-use super::edge::{angles, places};
+use super::edge_places::{angles, places};
 use super::film_maker::{FilmMaker, RegionPixels};
 use super::progress::Steps;
 use super::reference::{ReferenceBand, ReferenceLens};
 use crate::args::ValidateArgs;
 use crate::job::default_options;
 use crate::job::lens::{JobLens, UntracedLens};
-use crate::job::threads;
+use crate::machine::threads;
 use anyhow::{Context, Result};
 use formats::durable::{create_directories, sweep_entries};
 use pipeline::geometry::{Frame, Rect, Size};
 use pipeline::psf::kernel::film_window;
+use pipeline::stage::Stage;
 
 /// Built-in lenses of the paper's design, its film (side in px, pitch in µm) and its bands.
 const PAPER_LENSES: [&str; 2] = ["double-gauss-28", "double-gauss-28-npz"];
@@ -103,7 +104,7 @@ impl Setup {
     }
 
     /// Simulates the film of `chart` by `stages` and reads its regions `rects`.
-    pub fn simulate(&self, chart: &str, stages: &str, rects: &[Rect]) -> Result<RegionPixels> {
+    pub fn simulate(&self, chart: &str, stages: &[Stage], rects: &[Rect]) -> Result<RegionPixels> {
         let pixels = self.film_maker.simulate(chart, stages, rects)?;
         self.steps.step();
         Ok(pixels)

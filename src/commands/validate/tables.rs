@@ -4,12 +4,8 @@ use super::band::Band;
 use super::distortion::mean_max;
 use super::edge::EdgeResult;
 use crate::progress::plural;
+use formats::picture::text::escape;
 use serde_json::Value;
-
-/// Text as HTML.
-pub fn escape(text: &str) -> String {
-    text.replace('&', "&amp;").replace('<', "&lt;").replace('>', "&gt;").replace('"', "&quot;")
-}
 
 fn row(tag: &str, cells: impl IntoIterator<Item = String>) -> String {
     let cells: String = cells.into_iter().map(|c| format!("<{tag}>{c}</{tag}>")).collect();

@@ -2,7 +2,8 @@
 
 mod synthetic_lens;
 
-use super::edge::{self, EdgeFilm, EdgePlace};
+use super::edge::{self, EdgeFilm};
+use super::edge_places::{EdgePlace, places};
 use super::error_budget::RunPsfs;
 use super::setup::Setup;
 use super::{distortion, illumination};
@@ -28,7 +29,7 @@ fn setup(dir: &Path, film: SyntheticLens, reference: SyntheticLens) -> Setup {
 }
 
 fn place(name: &str, direction: &str) -> Vec<EdgePlace> {
-    let all = edge::places(14141).into_iter();
+    let all = places(14141).into_iter();
     all.filter(|p| p.name == name && p.direction == direction).collect()
 }
 

@@ -6,7 +6,7 @@ use super::verdict;
 use crate::args::VerifyArgs;
 use crate::failure::code;
 use crate::film::{lock_all, reported};
-use crate::job::threads;
+use crate::machine::threads;
 use crate::progress::{counting, plural, print, print_first};
 use anyhow::Result;
 use formats::group::{Finding, VerifyReport};

@@ -139,17 +139,15 @@ impl FieldPoint {
 #[cfg(test)]
 mod tests {
     use super::*;
+    use formats::object;
 
     #[test]
     fn a_design_of_another_focus_is_not_the_film_lens() {
         let of = |focus_m| {
-            let system = design::focused("phone", &DesignArgs::default(), focus_m).unwrap();
+            let (system, _) = design::focused("phone", &DesignArgs::default(), focus_m).unwrap();
             let light_sr = irradiance_sr(&Tracer::new(&system, 0.55).unwrap(), 0.0).unwrap();
             let band = json!({ "wavelength_nm": 550.0, "solid_angle_sr": light_sr });
-            let Value::Object(provenance) = json!({ "job": { "lens_name": system.name }, "bands": [band] })
-            else {
-                unreachable!("an object is written above")
-            };
+            let provenance = object! { "job": json!({ "lens_name": system.name }), "bands": [band] };
             provenance
         };
         assert_eq!(Lens::open(None, &of(None)).unwrap().note, None);

@@ -5,7 +5,7 @@
 
 use crate::args::DevelopStyle;
 use crate::camera::frame::{Frame, split_group};
-use crate::camera::{plain_style, recipe};
+use crate::camera::recipe;
 use crate::failure::{line, usage};
 use anyhow::{Result, anyhow};
 use formats::chart::{ChartOptions, ChartStore};
@@ -60,7 +60,7 @@ impl Mosaic {
         let output = output.ok_or_else(|| usage(format!("{spec}: no such array")))?;
         let levels = formats::pyramid::level_sizes(frame.rect.size()).len();
         let recipes = Illuminant::ALL.map(|light| {
-            let style = DevelopStyle { white: Some(light.name().into()), ..plain_style() };
+            let style = DevelopStyle { white: Some(light.name().into()), ..DevelopStyle::default() };
             (light, recipe(&frame, &style).map_err(|e| line(&e)))
         });
         let signal =

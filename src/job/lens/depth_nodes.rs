@@ -5,17 +5,17 @@
 //! 3. The others are traced one by one into the cache entry of the band; PSFs are read from there when a kernel is computed, so memory holds neither while
 //!    they are traced nor afterwards more than a few of them.
 
-use super::TracedFor;
-use super::tracing::{BandTracer, TracingJob};
+use super::tracing::BandTracer;
+use super::tracing_job::{TracedFor, TracingJob};
 use crate::failure::usage;
 use crate::job::lens::cache;
 use crate::progress::{detail_line, log_line};
-use anyhow::{Context, Result};
+use anyhow::Result;
 use formats::durable::free_bytes;
 use formats::lens::{LensPack, PackAttributes};
 use pipeline::design::DesignError;
 use pipeline::design::depth::estimate::DepthEstimate;
-use pipeline::design::depth::estimate::{estimate, half_window_px, range_that_fits};
+use pipeline::design::depth::estimate::estimate;
 use pipeline::design::depth::nodes::Placement;
 use pipeline::design::depth::trace::{band, header, nodes};
 use pipeline::design::trace::{BandReport, Progress, TraceOptions, lens_header, with_threads};
@@ -27,35 +27,6 @@ pub const SAMPLES_PER_S: f64 = 2e7;
 
 /// Seconds of one core from which on the trace of a band is announced.
 const LONG_S: f64 = 10.0;
-
-/// Fails if a surface lies behind the first vertex, or is blurred by more than the PSFs of a trace hold.
-pub(super) fn check_blur(job: &TracingJob<'_>, depth: &TracedFor<'_>, trace: &TraceOptions) -> Result<()> {
-    let (system, options) = (job.system, depth.options);
-    let (far, near) = options.range;
-    system.at_vergence(near).with_context(|| format!("the nearest surface, at {} m", 1.0 / near))?;
-    let fits = range_that_fits(system, trace, &options)?;
-    if fits.0 <= far && near <= fits.1 {
-        return Ok(());
-    }
-    let worst = if near > fits.1 { near } else { far };
-    let blur_mm = 1e-3 * header(system, &options)?.blur_per_dioptre_um * (worst - options.focus).abs();
-    let farthest = if fits.0 > 0.0 { format!("{:.4} m", 1.0 / fits.0) } else { "infinity".to_owned() };
-    Err(usage(format!(
-        "a surface at {:.4} m is blurred to a radius of {blur_mm:.3} mm by {}, in focus at {} m; PSFs on this film hold surfaces from {:.4} m \
-         to {farthest}: choose a focus nearer to the scene (--focus-m), a scene of a shorter range of distances, or a lens with a smaller aperture",
-        1.0 / worst,
-        job.name,
-        1.0 / options.focus,
-        1.0 / fits.1,
-    )))
-}
-
-/// Half the diagonal of the largest window that the blur of the surfaces of `job` needs, mm; 0 for a flat chart.
-pub(super) fn margin_mm(job: &TracingJob<'_>, trace: &TraceOptions) -> Result<f64> {
-    let Some(depth) = &job.depth else { return Ok(0.0) };
-    let half_px = half_window_px(job.system, trace, &depth.options)?;
-    Ok(std::f64::consts::SQRT_2 * half_px * trace.film_pitch_um * 1e-3)
-}
 
 /// Adds the samples of `stack` to a digest.
 fn add_samples(digest: &mut blake3::Hasher, stack: &PsfStack) {

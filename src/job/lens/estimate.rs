@@ -4,10 +4,9 @@
 //! usual density. Each node's window is estimated from rays
 //! ([`LensTrace::estimate`]); heights and azimuths are typical ones, evenly spaced, on which the number of kernels that reach a block depends.
 
-use super::TracedFor;
-use super::depth_nodes::{check_blur, margin_mm};
+use super::blur::{check_blur, margin_mm};
 use super::reach::Reach;
-use super::tracing::{TracingJob, trace_options};
+use super::tracing_job::{TracedFor, TracingJob, trace_options};
 use anyhow::Result;
 use pipeline::band::Options;
 use pipeline::design::depth::estimate::{estimate, expected_nodes};

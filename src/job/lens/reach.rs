@@ -11,7 +11,7 @@
 //! is smaller, and at last the band reaches as far as its film needs.
 
 use super::samples::design_reach_mm;
-use super::tracing::{TracingJob, trace_options, trace_pitch_um};
+use super::tracing_job::{TracingJob, trace_options, trace_pitch_um};
 use crate::design;
 use anyhow::Result;
 use formats::lens::LensPack;

@@ -1,4 +1,4 @@
-//! Memory of spectra, and of bands with a depth stage.
+//! Memory of bands with a depth stage, and of the spectra of a film rectangle.
 
 use super::MemoryInputs;
 use pipeline::band::BandPlan;
@@ -8,23 +8,6 @@ use pipeline::psf::memory as psf;
 
 /// Chart pixels around those under a tile that interpolation reads, a side.
 const TAPS: usize = 8;
-
-/// Bytes of the largest spectrum of `plan`.
-pub(super) fn largest_spectrum(plan: &BandPlan) -> usize {
-    let flat = plan.blocks.map_or(0, |b| b.spectrum_bytes());
-    let nodes = plan.depth.iter().flat_map(DepthPlan::used);
-    nodes.map(|n| n.blocks.spectrum_bytes()).fold(flat, usize::max)
-}
-
-/// Bytes of the largest PSF of a depth node of `plan`, ready for kernels.
-pub(super) fn largest_psf(plan: &BandPlan) -> usize {
-    plan.depth.as_ref().map_or(0, DepthPlan::max_psf_bytes)
-}
-
-/// Bytes of all PSFs of depth nodes of `plan`, ready for kernels.
-pub(super) fn psfs_on_demand(plan: &BandPlan) -> usize {
-    plan.depth.as_ref().map_or(0, DepthPlan::kernels_bytes)
-}
 
 impl MemoryInputs<'_> {
     /// Scratch of one worker for the depth stage `depth` of `plan`.

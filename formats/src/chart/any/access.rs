@@ -273,7 +273,17 @@ impl Chart {
 
     /// Whether it is a store whose note contains scale and offset.
     pub fn is_scaled_store(&self) -> bool {
-        matches!(self, Self::Store(s) if s.scaling().is_some())
+        matches!(self, Self::Store(_)) && self.is_scaled()
+    }
+
+    /// Whether its values are its samples times a factor, or plus an offset.
+    pub fn is_scaled(&self) -> bool {
+        match self {
+            Self::Store(s) => s.scaling().is_some(),
+            Self::Raster(r) => r.is_scaled(),
+            Self::Decoded(p) => p.is_scaled(),
+            Self::Generated(_) => false,
+        }
     }
 
     /// Whether its samples are integers.

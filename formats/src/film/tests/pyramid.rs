@@ -10,8 +10,8 @@ use serde_json::{Map, json};
 
 use crate::chart::{ChartOptions, ChartStore, NanPolicy};
 use crate::durable::FileStep;
-use crate::film::{Codec, FilmOutput, FilmSpec, FilmStore, SampleType};
-use crate::group::{Finding, GroupError, read_json};
+use crate::film::{Codec, FilmSpec, FilmStore, SampleType};
+use crate::group::{Finding, GroupError, Output, read_json};
 use crate::pyramid::{PyramidState, halve, level_sizes};
 
 static NEVER: AtomicBool = AtomicBool::new(false);
@@ -121,7 +121,7 @@ fn every_region_has_a_pyramid() {
     let dir = tempfile::tempdir().unwrap();
     let rects = [Rect::new(10, 20, 400, 300), Rect::new(0, 0, 150, 7)];
     let film = film(&dir.path().join("roi.zarr"), Size::new(700, 700), |s| {
-        s.outputs = (0..2).map(|k| FilmOutput { name: format!("roi_{k}"), rect: rects[k] }).collect();
+        s.outputs = (0..2).map(|k| Output { name: format!("roi_{k}"), rect: rects[k] }).collect();
     });
     assert!(make(&film).unwrap());
     assert_eq!(level(&film, 0, 1, 1).0, Size::new(200, 150));

@@ -7,9 +7,9 @@ use pipeline::geometry::{Rect, Size};
 use serde_json::{Map, Value, json};
 
 use crate::chart::{ChartOptions, ChartStore};
-use crate::group::{Finding, GroupError};
+use crate::group::{Finding, GroupError, Output};
 use crate::pyramid::PyramidState;
-use crate::raw::{RawOutput, RawSpec, RawStore, halve_mosaic, mosaic_below};
+use crate::raw::{RawSpec, RawStore, halve_mosaic, mosaic_below};
 
 fn attributes(job: &str) -> Map<String, Value> {
     let all = json!({
@@ -24,7 +24,7 @@ fn attributes(job: &str) -> Map<String, Value> {
 /// A raw of two frames and two windows, without its last shard if not `whole`.
 fn raw(path: &Path, whole: bool) -> RawStore {
     let sensor = Size::new(700, 600);
-    let output = |name: &str, rect| RawOutput { name: name.into(), rect };
+    let output = |name: &str, rect| Output { name: name.into(), rect };
     let spec = RawSpec {
         outputs: vec![output("roi_0", Rect::new(1, 2, 690, 533)), output("roi_1", Rect::new(0, 0, 40, 30))],
         sensor,

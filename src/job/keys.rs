@@ -1,0 +1,23 @@
+//! Keys of a job's identity, and what the command line calls them.
+
+/// Key of the modification times of the input files.
+pub const MTIMES: &str = "chart_mtimes";
+/// Key of the digests of the input files' bytes, of a job with `--check-input`; it has no modification times.
+pub const DIGEST: &str = "chart_digest";
+
+/// A key of the identity or layout in the words of the command line.
+pub fn argument(key: &str) -> String {
+    match key {
+        "chart" => "chart".into(),
+        MTIMES => "modification times of the chart".into(),
+        DIGEST => "content of the chart".into(),
+        "chart_bands" => "--bands".into(),
+        "lens_name" | "lens_digest" => format!("--lens ({})", key.trim_start_matches("lens_")),
+        "rois" => "--roi".into(),
+        "axis_px" => "--axis".into(),
+        "center_mm" => "--center".into(),
+        "numeric_version" => "numeric version of the program".into(),
+        "units" | "wavelengths" | "outputs" => key.into(),
+        other => format!("--{}", other.replace('_', "-")),
+    }
+}

@@ -1,0 +1,22 @@
+//! A traced design: its bands, and what identifies them.
+
+use super::cache::Cache;
+use crate::design::DesignFile;
+use formats::lens::LensPack;
+use pipeline::lens::Lens;
+use std::sync::Arc;
+
+/// Design traced at the wavelengths of a job, ascending.
+pub struct Traced {
+    pub(super) lens: Lens,
+    pub(super) packs: Vec<Arc<LensPack>>,
+    /// Per band, the digests of its inputs and of its values.
+    pub(super) recipes: Vec<String>,
+    pub(super) digest: String,
+    pub(super) notes: Vec<String>,
+    pub(super) details: Vec<String>,
+    /// File of the design, unless it is built in.
+    pub(super) file: Option<DesignFile>,
+    /// Keeps a temporary cache until the packs are closed.
+    pub(super) _cache: Cache,
+}
