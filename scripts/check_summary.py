@@ -28,6 +28,8 @@ def binaries(log):
     for line in log.splitlines():
         if found := re.match(r"\s+Running (?:unittests )?(\S+) \((?:\S*/)?(\S+?)-[0-9a-f]{16}(?:\.exe)?\)", line):
             name = f"{found[2]} ({found[1]})"
+        elif found := re.match(r"\s+Doc-tests (\S+)", line):
+            name = f"doc tests ({found[1]})"
         elif found := re.match(r"test result: \S+ (\d+) passed; (\d+) failed; .*finished in ([\d.]+)s", line):
             yield name, float(found[3]), int(found[1]) + int(found[2])
             name = "?"

@@ -1,6 +1,4 @@
-"""The tasks of a user's first day; run by scripts/try-as-user, which names the program as the first argument.
-
-The commands of `readme` are those of README's section "By task" with the names of files as they stand there."""
+"""The tasks of a user's first day beyond the documents' commands; run by scripts/try-as-user, which names the program as the first argument."""
 import json
 import os
 import re
@@ -170,18 +168,6 @@ def lenses(place):
     task("lens that does not exist", ["run", chart, "no.zarr", "--lens", "double-gaus-28"], place, code=2, err=["double-gaus-28"])
 
 
-def readme(place):
-    """First commands of README's section, on the first try."""
-    shutil.copy(place / "icvl.mat", place / "cube.mat")
-    np.save(place / "cube31.npy", np.zeros((64, 64, 31), np.float32) + 0.5)
-    for name, words in {
-        "README: .mat": ["run", "cube.mat//rad", "r1.zarr", "--film-pitch-um", "5"],
-        "README: .npy": ["run", "cube31.npy", "r2.zarr", "--axes", "y,x,wavelength", "--wavelengths", "400:700:10", "--film-pitch-um", "2"],
-        "README: PNG": ["run", "cave-png/*.png", "r3.zarr", *GIVEN, "--film-pitch-um", "5"],
-    }.items():
-        task(name, [*words, "--lens", "double-gauss-28", "--stages", "ri,distortion"], place)
-
-
 def tools(place):
     """View, validate, pipes, completions and manual."""
     view = start(["view", "film.zarr", "--port", "0"], place)
@@ -259,7 +245,7 @@ def every_day(place):
 with tempfile.TemporaryDirectory() as tmp:
     place = Path(tmp)
     write_charts(place)
-    for part in (inputs, lenses, readme, every_day, tools, full_disk):
+    for part in (inputs, lenses, every_day, tools, full_disk):
         part(place)
 print(f"{len(failed)} tasks failed" + "".join(f"\n  {name}" for name in failed))
 sys.exit(bool(failed))

@@ -24,11 +24,13 @@
 //!
 //! [`write_chart`] writes such a group, Zarr v3:
 //!
-//!     zarr.json            attributes `pitch_um`, `film_size`, `units` and others of the caller, `schema` = "lenscube/chart/1"; consolidated
-//!                          metadata
-//!     chart/               (wavelength, y, x) f32, fill NaN; shards (1, 2048, 2048) of inner chunks (1, 512, 512), smaller for a
-//!                          smaller chart; encoding: see module `shard`
-//!     wavelength/          f64, nm, one chunk: little-endian, crc32c
+//! ```text
+//! zarr.json            attributes `pitch_um`, `film_size`, `units` and others of the caller, `schema` = "lenscube/chart/1"; consolidated
+//!                      metadata
+//! chart/               (wavelength, y, x) f32, fill NaN; shards (1, 2048, 2048) of inner chunks (1, 512, 512), smaller for a
+//!                      smaller chart; encoding: see module `shard`
+//! wavelength/          f64, nm, one chunk: little-endian, crc32c
+//! ```
 //!
 //! [`write_surfaces`] adds the arrays of its surfaces ([`SurfaceArray`]): `depth`, `coverage`, `hidden/1/chart`, …
 //!

@@ -1,13 +1,15 @@
 //! Films: the simulated sensor-plane images, shard by shard, in a Zarr v3 group that other programs can open.
 //!
-//!     zarr.json                    group attributes (below), consolidated metadata
-//!     film/                        (wavelength, y, x), f32 or f16, fill NaN; or roi_0/, roi_1/, … for regions of the film
-//!     film/c/BAND/ROW/COLUMN       a shard: see module `shard`
-//!     invented/                    (wavelength, y, x), f16: share of invented light per block of pixels; or roi_0_invented/, …: see module `invented`
-//!     wavelength/                  f64, nm
-//!     y/, x/                       f64, mm from the optical axis, y down; or roi_0_y/, roi_0_x/, …
-//!     pyramid/                     smaller levels, on request: see module `pyramid`
-//!     runs/                        records (`*.json`) and locks (`*.lock`) of runs, engines (`*.engine`)
+//! ```text
+//! zarr.json                    group attributes (below), consolidated metadata
+//! film/                        (wavelength, y, x), f32 or f16, fill NaN; or roi_0/, roi_1/, … for regions of the film
+//! film/c/BAND/ROW/COLUMN       a shard: see module `shard`
+//! invented/                    (wavelength, y, x), f16: share of invented light per block of pixels; or roi_0_invented/, …: see module `invented`
+//! wavelength/                  f64, nm
+//! y/, x/                       f64, mm from the optical axis, y down; or roi_0_y/, roi_0_x/, …
+//! pyramid/                     smaller levels, on request: see module `pyramid`
+//! runs/                        records (`*.json`) and locks (`*.lock`) of runs, engines (`*.engine`)
+//! ```
 //!
 //! Shards are (1, `shard`, `shard`) pixels of inner chunks (1, `chunk`, `chunk`); an array smaller than a shard has shards of its size,
 //! rounded up to inner chunks. Regions are cut into shards from their own first pixel.

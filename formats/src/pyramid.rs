@@ -4,11 +4,13 @@
 //! and ends with the same bytes. Sides are halved, odd ones rounded up, until both are at most 256. How pixels are halved is the group's
 //! ([`mod@crate::film`]: means over 2 × 2 pixels; [`mod@crate::raw`]: mosaics of half the resolution).
 //!
-//!     zarr.json                        attribute `ome` (OME-Zarr 0.5, ngff.openmicroscopy.org/0.5): one entry of `multiscales` per array
-//!     pyramid/zarr.json                group attributes `schema` = "lenscube/pyramid/1" (raw: "lenscube/raw-pyramid/1") and `film_stamp`
-//!                                      (`raw_stamp`)
-//!     pyramid/ARRAY/zarr.json          group
-//!     pyramid/ARRAY/N                  level N: an array like ARRAY
+//! ```text
+//! zarr.json                        attribute `ome` (OME-Zarr 0.5, ngff.openmicroscopy.org/0.5): one entry of `multiscales` per array
+//! pyramid/zarr.json                group attributes `schema` = "lenscube/pyramid/1" (raw: "lenscube/raw-pyramid/1") and `film_stamp`
+//!                                  (`raw_stamp`)
+//! pyramid/ARRAY/zarr.json          group
+//! pyramid/ARRAY/N                  level N: an array like ARRAY
+//! ```
 //!
 //! Levels are not in the film's group itself, since xarray reads the arrays of a group as one dataset, in which `y` has one length. The
 //! group's `zarr.json` is written last, so other programs see a complete pyramid or none. The stamp is a digest of the group's attributes

@@ -1,9 +1,11 @@
 //! Shards: Zarr v3 `sharding_indexed` chunks, one file each.
 //!
-//!     shard = inner chunks in row-major order, back to back
-//!           · index: (offset, length) u64 little-endian of every inner chunk of the grid, (2⁶⁴−1, 2⁶⁴−1) if not stored
-//!           · crc32c of the index
-//!     inner chunk (1, n, n) = little-endian samples · blosc (shuffle; lz4 or zstd, level 1), unless [`Codec::None`] · crc32c
+//! ```text
+//! shard = inner chunks in row-major order, back to back
+//!       · index: (offset, length) u64 little-endian of every inner chunk of the grid, (2⁶⁴−1, 2⁶⁴−1) if not stored
+//!       · crc32c of the index
+//! inner chunk (1, n, n) = little-endian samples · blosc (shuffle; lz4 or zstd, level 1), unless [`Codec::None`] · crc32c
+//! ```
 //!
 //! Samples are rounded to `keep_bits` bits of mantissa (`mantissa.rs`), if the layout has fewer than all; then their bits are shuffled,
 //! else their bytes.

@@ -55,6 +55,39 @@ impl LensBands {
 }
 
 /// The plan of a band.
+///
+/// ```
+/// # use lenscube_pipeline::lens::{Lens, LensBand, PsfSample};
+/// # let heights = vec![0.0, 1.0];
+/// # let band = LensBand {
+/// #     wavelength_nm: 550.0, ideal_height_mm: heights.clone(), image_height_mm: heights.clone(), relative_illumination: vec![1.0, 0.9],
+/// #     psf_height_mm: heights, azimuth_count: vec![1, 4], psf_size: 9, psf_pitch_um: 2.0, psf_energy: vec![1.0, 1.0],
+/// #     solid_angle_sr: 0.1, transmission: 1.0,
+/// # };
+/// # let lens = Lens {
+/// #     name: "ideal".into(), distortion_focal_length_mm: 50.0, effective_focal_length_mm: 50.0, f_number: 2.8, primary_wavelength_nm: 550.0,
+/// #     object_distance_mm: None, magnification: 0.0, psf_sample: PsfSample::Integrated, bands: vec![band], depth: None,
+/// # };
+/// # use lenscube_pipeline::{field::Outside, remap::{ChartInterpolation, Stages}, resample::{Interp, Surround}, simd::Simd};
+/// # use lenscube_pipeline::band::{Options, PsfBetween};
+/// # let options = Options {
+/// #     stages: Stages { ri: true, distortion: true, svpsf: true },
+/// #     interpolation: ChartInterpolation { interp: Interp::Bicubic, surround: Surround::Edge, outside: Outside::Error },
+/// #     azimuths: None, psf_window: None, between: PsfBetween::Error, simd: Simd::detect(),
+/// # };
+/// use lenscube_pipeline::band::BandPlan;
+/// use lenscube_pipeline::geometry::{Frame, Size};
+///
+/// // `lens` has PSFs of 9 x 9 samples of 2 µm at 550 nm, up to 1 mm from the axis; `options` enable all stages.
+/// let size = Size::new(300, 300);
+/// let plan = BandPlan::new(&Frame::centred(size, size, 2.0), &lens, 550.0, &options)?;
+/// // The film and half a window around it is divided into tiles.
+/// assert_eq!((plan.tiling.margin(), plan.tiling.grown().size()), (4, Size::new(308, 308)));
+/// // A film of 2 mm would reach beyond the lens's tables.
+/// let size = Size::new(1000, 1000);
+/// assert!(BandPlan::new(&Frame::centred(size, size, 2.0), &lens, 550.0, &options).is_err());
+/// # Ok::<(), lenscube_pipeline::lens::LensError>(())
+/// ```
 #[derive(Clone, Debug)]
 pub struct BandPlan {
     /// The lens bands of its tables.

@@ -1,9 +1,11 @@
 //! Distortion h(r, λ) and relative illumination R(r, λ) of a band, as functions of REAL image height.
 //!
-//!     h(r)   ideal height of the field point whose chief ray meets the film at real height r, mm;  film coordinates times h/r are
-//!            coordinates on the ideal image plane (on the axis h/r = h₁/r₁, the ratio of the first field point)
-//!     R(r)   irradiance there over irradiance on the axis, from the lens's table, not cos⁴; R belongs to the field point and includes
-//!            the change of area by distortion
+//! ```text
+//! h(r)   ideal height of the field point whose chief ray meets the film at real height r, mm;  film coordinates times h/r are
+//!        coordinates on the ideal image plane (on the axis h/r = h₁/r₁, the ratio of the first field point)
+//! R(r)   irradiance there over irradiance on the axis, from the lens's table, not cos⁴; R belongs to the field point and includes
+//!        the change of area by distortion
+//! ```
 //! Both are linear between the dense field points of the tables (error ≤ max|f″|·Δr²/8, 1e-4 px by the accuracy required of lens packs), in f64.
 //! Beyond the last point the band plan reports an error or, with [`Outside::Clamp`], h/r and R of the last point are used.
 //! Not modelled: dependence on azimuth; a centred lens has none.

@@ -1,10 +1,12 @@
 //! Figures of merit of a lens, from its tables and one PSF window: distortion, lateral colour, MTF, Strehl ratio, RMS radius.
 //!
-//!     distortion = (r − h)/h                   r REAL height, h ideal height f·tan(field), f the DISTORTION focal length
-//!     lateral colour = r(h, λ) − r(h, λ₀)      at equal ideal height, λ₀ the primary wavelength
-//!     MTF(f) = E |Σ_x e^(−2πi f x) Σ_y P(x, y)|      tangential: x along the meridian; sagittal: across it; f in lp/mm
-//!     Strehl = E P(0, 0)/p² / (R Ω/λ²)         against a pupil of the same solid angle R Ω, evenly filled, no aberration
-//!     RMS² = Σ P |ρ − ρ̄|²                      inside the window
+//! ```text
+//! distortion = (r − h)/h                   r REAL height, h ideal height f·tan(field), f the DISTORTION focal length
+//! lateral colour = r(h, λ) − r(h, λ₀)      at equal ideal height, λ₀ the primary wavelength
+//! MTF(f) = E |Σ_x e^(−2πi f x) Σ_y P(x, y)|      tangential: x along the meridian; sagittal: across it; f in lp/mm
+//! Strehl = E P(0, 0)/p² / (R Ω/λ²)         against a pupil of the same solid angle R Ω, evenly filled, no aberration
+//! RMS² = Σ P |ρ − ρ̄|²                      inside the window
+//! ```
 //! P is the share of the window's light per sample (sum 1), p the sample pitch, E the window's share of all the light: light outside
 //! the window counts as uniform, so MTF(0) = 1 and MTF(f) tends to E for small f > 0. For integrated samples the MTF is divided by the sample's sinc(f p), and there is no
 //! Strehl ratio, because the peak is averaged. Heights are linear between field points, PSFs between their heights, as on the film.

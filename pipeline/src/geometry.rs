@@ -2,8 +2,10 @@
 //!
 //! Film and chart are images: row y grows DOWN, column x grows RIGHT, upright as the viewer sees them, pixel centres
 //! at integers. A film pixel (y, x) lies at
-//!     X = (x − cx)·pitch,  Y = (y − cy)·pitch   (mm),   r = hypot(X, Y) = its REAL image height,
-//!     azimuth θ = atan2(Y, X):  0 on +x, 90° DOWN,
+//! ```text
+//! X = (x − cx)·pitch,  Y = (y − cy)·pitch   (mm),   r = hypot(X, Y) = its REAL image height,
+//! azimuth θ = atan2(Y, X):  0 on +x, 90° DOWN,
+//! ```
 //! where (cy, cx) is the optical axis in film pixels, by default the middle ((H−1)/2, (W−1)/2). The chart lies on the
 //! IDEAL (undistorted) image plane: one chart pixel covers `scale` film pixels, and the chart's centre lies `center_mm` from the axis.
 
@@ -42,6 +44,15 @@ impl std::fmt::Display for Size {
 }
 
 /// A rectangle of pixels, possibly outside the image (margins, surround).
+///
+/// ```
+/// use lenscube_pipeline::geometry::Rect;
+///
+/// let tile = Rect::new(0, 0, 512, 512);
+/// let with_margin = tile.grown(25);
+/// assert_eq!(with_margin, Rect::new(-25, -25, 562, 562));
+/// assert_eq!(with_margin.intersect(Rect::new(0, 0, 600, 530)), Rect::new(0, 0, 537, 530));
+/// ```
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Hash)]
 pub struct Rect {
     /// First row.
@@ -125,6 +136,17 @@ impl std::fmt::Display for Rect {
 }
 
 /// Relative positions of film, lens and chart.
+///
+/// ```
+/// use lenscube_pipeline::geometry::{Frame, Size};
+///
+/// // A film of 14141 x 14141 px of 2 µm with the chart's pixels one to one.
+/// let size = Size::new(14141, 14141);
+/// let frame = Frame::centred(size, size, 2.0);
+/// assert_eq!(frame.axis_px, (7070.0, 7070.0));
+/// // Its corner lies 20 mm from the axis.
+/// assert!((frame.farthest_mm(size.rect()) - 19.997).abs() < 1e-3);
+/// ```
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Frame {
     /// Film size in pixels.

@@ -1,9 +1,11 @@
 //! Tables of a lens per wavelength: heights, relative illumination, PSFs.
 //!
-//!     ideal_height_mm[i]  f·tan(field angle), f = the DISTORTION focal length (one f for all bands)
-//!     image_height_mm[i]  REAL chief-ray height of the same field point; both ascend from 0
-//!     relative_illumination[i]  R, 1 on axis; belongs to the field point
-//!     psf(k)              PSF of a field point on +x at REAL height psf_height_mm[k]; row down, column right
+//! ```text
+//! ideal_height_mm[i]  f·tan(field angle), f = the DISTORTION focal length (one f for all bands)
+//! image_height_mm[i]  REAL chief-ray height of the same field point; both ascend from 0
+//! relative_illumination[i]  R, 1 on axis; belongs to the field point
+//! psf(k)              PSF of a field point on +x at REAL height psf_height_mm[k]; row down, column right
+//! ```
 //! Tables are dense: linear interpolation between field points is within 1e-4 px (about 1000 points to 25 mm).
 //! The PSF stack of one band may be large (traced: 60 MB), so stacks are read separately, band by band.
 
@@ -23,6 +25,26 @@ pub enum PsfSample {
 }
 
 /// A lens without its PSF samples.
+///
+/// ```
+/// # use lenscube_pipeline::lens::{Lens, LensBand, PsfSample};
+/// # let heights = vec![0.0, 1.0];
+/// # let band = LensBand {
+/// #     wavelength_nm: 550.0, ideal_height_mm: heights.clone(), image_height_mm: heights.clone(), relative_illumination: vec![1.0, 0.9],
+/// #     psf_height_mm: heights, azimuth_count: vec![1, 4], psf_size: 9, psf_pitch_um: 2.0, psf_energy: vec![1.0, 1.0],
+/// #     solid_angle_sr: 0.1, transmission: 1.0,
+/// # };
+/// # let lens = Lens {
+/// #     name: "ideal".into(), distortion_focal_length_mm: 50.0, effective_focal_length_mm: 50.0, f_number: 2.8, primary_wavelength_nm: 550.0,
+/// #     object_distance_mm: None, magnification: 0.0, psf_sample: PsfSample::Integrated, bands: vec![band], depth: None,
+/// # };
+/// // An ideal lens of 50 mm: no distortion, an illumination of 0.9 at 1 mm, PSFs of 9 x 9 samples of 2 µm.
+/// lens.check_head().unwrap();
+/// lens.bands[0].check()?;
+/// let darker = |at_mm| lenscube_pipeline::lens::linear(&lens.bands[0].image_height_mm, &lens.bands[0].relative_illumination, at_mm);
+/// assert!((darker(0.5) - 0.95).abs() < 1e-12);
+/// # Ok::<(), lenscube_pipeline::lens::LensError>(())
+/// ```
 #[derive(Clone, Debug, PartialEq)]
 pub struct Lens {
     /// Display name.

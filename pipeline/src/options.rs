@@ -19,6 +19,25 @@ pub enum PsfBetween {
 }
 
 /// Options of all bands of a job.
+///
+/// ```
+/// use lenscube_pipeline::band::{Options, PsfBetween};
+/// use lenscube_pipeline::field::Outside;
+/// use lenscube_pipeline::remap::{ChartInterpolation, Stages};
+/// use lenscube_pipeline::resample::{Interp, Surround};
+/// use lenscube_pipeline::simd::Simd;
+///
+/// // Those of `lenscube run` without flags.
+/// let options = Options {
+///     stages: Stages { ri: true, distortion: true, svpsf: true },
+///     interpolation: ChartInterpolation { interp: Interp::Bicubic, surround: Surround::Edge, outside: Outside::Error },
+///     azimuths: None,
+///     psf_window: None,
+///     between: PsfBetween::Error,
+///     simd: Simd::detect(),
+/// };
+/// assert!(options.simd.isa().is_available());
+/// ```
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Options {
     /// Enabled stages.

@@ -1,6 +1,8 @@
 //! Remap stage, chart → remapped image: pinhole mapping, relative illumination and distortion in one pass.
 //!
-//!     remapped(X, Y) = R(r) · chart_ideal((X, Y)·h(r)/r)
+//! ```text
+//! remapped(X, Y) = R(r) · chart_ideal((X, Y)·h(r)/r)
+//! ```
 //! for the film pixel at (X, Y) mm from the axis, r = hypot(X, Y) its REAL image height; R and h from [`crate::field`]. The chart lies on
 //! the IDEAL image plane: chart pixel = middle of the chart + ((X, Y)·h/r − center)/(pitch·scale). This is a gather that resamples
 //! values (no Jacobian), so a uniform chart of value 1 gives exactly R. Chart coordinates are f64, split into an integer and

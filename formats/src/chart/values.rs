@@ -1,6 +1,8 @@
 //! Conversion of stored samples to chart values: no-data samples, scale and offset, maximum magnitude.
 //!
-//!     value = raw · scale + offset        in f64, then rounded to f32
+//! ```text
+//! value = raw · scale + offset        in f64, then rounded to f32
+//! ```
 //!
 //! A raw sample stands for no data if it is NaN or infinite, equals a declared fill value, or lies outside the declared valid
 //! range; raw samples are compared before they are scaled (CF conventions 1.11, sections 2.5.1 and 8.1).

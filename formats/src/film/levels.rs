@@ -1,6 +1,8 @@
 //! The levels of a film's pyramid.
 //!
-//!     level n (i, j) = mean of the finite ones of level n−1 (2i, 2j), (2i, 2j+1), (2i+1, 2j), (2i+1, 2j+1);  NaN if there is none
+//! ```text
+//! level n (i, j) = mean of the finite ones of level n−1 (2i, 2j), (2i, 2j+1), (2i+1, 2j), (2i+1, 2j+1);  NaN if there is none
+//! ```
 
 use pipeline::geometry::{Rect, Size};
 use pipeline::plan::FilmRegion;

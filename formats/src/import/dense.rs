@@ -1,6 +1,8 @@
 //! Dense tables from a few field points, by cubic splines with the symmetry of a centred lens.
 //!
-//!     image height: an ODD function of ideal height, RI: an EVEN one
+//! ```text
+//! image height: an ODD function of ideal height, RI: an EVEN one
+//! ```
 //! The points are mirrored about the axis and interpolated by a cubic spline whose third derivative is continuous at the second
 //! and the last but one point ("not-a-knot": de Boor, A Practical Guide to Splines, chapter IV), evaluated at equal steps of ideal
 //! height. Two points (three with the mirrored one) give a line or a parabola. The order of operations is that of SciPy's

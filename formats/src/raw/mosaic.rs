@@ -1,6 +1,8 @@
 //! Half the resolution of a mosaic: means over pixels of one filter.
 //!
-//!     level n (I·P + a) = mean of level n−1 (2I·P + a) and (2I·P + a + P),   a = 0 … P − 1, down and across alike
+//! ```text
+//! level n (I·P + a) = mean of level n−1 (2I·P + a) and (2I·P + a + P),   a = 0 … P − 1, down and across alike
+//! ```
 //!
 //! P is the period of the mosaic, 1 without one. A level is a mosaic of the same pattern, so it is read and developed as the raw is.
 //! Of a last period that has no partner the pixel itself is taken. Means of the integers are rounded to integers, ties to even, which

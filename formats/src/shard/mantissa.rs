@@ -1,6 +1,8 @@
 //! Rounding of samples to fewer bits of mantissa, so that they compress better.
 //!
-//!     x = ±1.b₁b₂…b₂₃ · 2^e  →  the nearest ±1.b₁…b_N · 2^e',  of two equally near ones that with b_N = 0
+//! ```text
+//! x = ±1.b₁b₂…b₂₃ · 2^e  →  the nearest ±1.b₁…b_N · 2^e',  of two equally near ones that with b_N = 0
+//! ```
 //! (roundTiesToEven, IEEE 754-2019, 4.3.1). For normal numbers |rounded − x| ≤ 2^−(N+1)·|x|; subnormal ones are rounded at the same
 //! absolute step as the smallest normal. Zero, sign, NaN and infinity are kept; a finite value stays finite: where rounding would carry
 //! beyond the largest value, the excess bits are cut off instead. Rounding twice equals rounding once.

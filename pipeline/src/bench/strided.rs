@@ -1,7 +1,9 @@
 //! The algorithm of the published system, as a baseline: strided multiply-accumulate.
 //!
 //! Every pixel's PSF is interpolated from the four nodes around it and added to the film, n² taps per pixel:
-//!     film[y + dy, x + dx] += remapped[y, x] · Σ_nodes w_node(y, x) · P_node[dy, dx]
+//! ```text
+//! film[y + dy, x + dx] += remapped[y, x] · Σ_nodes w_node(y, x) · P_node[dy, dx]
+//! ```
 //! PSFs of pixels n apart do not overlap, so all pixels of one phase (y mod n, x mod n) can be added in parallel without locks: n² phases.
 //! Here one thread computes all phases with four fused multiply-adds per tap, kernels in the cache. The sum is that of [`crate::psf`], in
 //! the order of the source:

@@ -1,7 +1,9 @@
 //! Depth scene: surfaces at several distances, each pixel with its distance, as a renderer would write them.
 //!
 //! In the picture of a pinhole at the centre of the entrance pupil a plane n·X = d has at (x, y), for any focal length f,
-//!     1/z = n·(x/f, y/f, 1)/d,
+//! ```text
+//! 1/z = n·(x/f, y/f, 1)/d,
+//! ```
 //! so that its vergence V = 1/z is linear in x and y. The scene is therefore drawn in the picture:
 //!
 //! | surface | texture | vergence, 1/m |

@@ -1,6 +1,8 @@
 //! A fixed noise pattern, as on photographed or printed charts; it prevents unrealistically good compression.
 //!
-//!     value → value · (1 + σ·g),   g = (u₁ + u₂ + u₃ + u₄ − 2)·√3
+//! ```text
+//! value → value · (1 + σ·g),   g = (u₁ + u₂ + u₃ + u₄ − 2)·√3
+//! ```
 //! with uᵢ uniform on [0, 1): mean 0, variance 1, close to normal and within ±2√3, so that values stay positive for
 //! σ ≤ 0.28 (P. Irwin 1927, P. Hall 1927: the sum of uniform numbers). The numbers are a hash of band, row and column
 //! (SplitMix64's finaliser, Steele, Lea and Flood 2014): independent of the requested rectangle.

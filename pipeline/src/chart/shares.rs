@@ -2,7 +2,9 @@
 //!
 //! The shares are most of the work of drawing and do not depend on the band. The chart is divided into cells; when the first pixel of a
 //! cell is requested, its objects are found, and the shares of those with curved or slanted edges are stored as runs,
-//!     row → (first column, length) of fully covered pixels, or of pixels with a share each
+//! ```text
+//! row → (first column, length) of fully covered pixels, or of pixels with a share each
+//! ```
 //! as long as the cache has space; others are computed again for every band. Shares are obtained from the drawing itself: an object of ink 1
 //! on a pixel of 0 leaves the share, and on a pixel that is not a number leaves 1 if the pixel is covered fully.
 

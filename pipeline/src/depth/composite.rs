@@ -2,15 +2,17 @@
 //!
 //! With a ∗ the spatially variant sum of [`crate::psf`] with the kernels P_d of depth node d, and the planes a, c, m of [`super::scene`], t = m/a:
 //!
-//!     b_s     = min(1, Σ_{k<s} a_k + uncovered)                               covered behind the slab
-//!     e_d     = 1 ∗ P_d                                                       1 − div(centroid of the PSFs)
-//!     light_s = ((1 − t) c) ∗ P_s + (t c) ∗ P_s+1
-//!     w_s     = (((1 − t) a) ∗ P_s)/e_s + ((t a) ∗ P_s+1)/e_s+1               share of the pupil that the slab covers
-//!     near_s  = slabs j > s that are not apart from s                         the same surface further on, as far as one can know
-//!     o_s     = max(0, 1 − a_s − Σ_near a_j)                                  neither the slab nor that surface
-//!     f_s     = min(b_s, o_s),   K = f_s ∗ P,   M = (o_s − f_s) ∗ P           of it known and missing behind the slab; P of its wider node
-//!     U_s     = max(w_s + min(2 K, max(0, 1 − w_s − Σ_near w_j) K/(K + M)), 10⁻³)     share of the pupil of which anything is known
-//!     film    = Σ_s T_s light_s/U_s,   T_s = Π_{j>s} (1 − w_j/U_j)            T: share of light that passes the slabs in front
+//! ```text
+//! b_s     = min(1, Σ_{k<s} a_k + uncovered)                               covered behind the slab
+//! e_d     = 1 ∗ P_d                                                       1 − div(centroid of the PSFs)
+//! light_s = ((1 − t) c) ∗ P_s + (t c) ∗ P_s+1
+//! w_s     = (((1 − t) a) ∗ P_s)/e_s + ((t a) ∗ P_s+1)/e_s+1               share of the pupil that the slab covers
+//! near_s  = slabs j > s that are not apart from s                         the same surface further on, as far as one can know
+//! o_s     = max(0, 1 − a_s − Σ_near a_j)                                  neither the slab nor that surface
+//! f_s     = min(b_s, o_s),   K = f_s ∗ P,   M = (o_s − f_s) ∗ P           of it known and missing behind the slab; P of its wider node
+//! U_s     = max(w_s + min(2 K, max(0, 1 − w_s − Σ_near w_j) K/(K + M)), 10⁻³)     share of the pupil of which anything is known
+//! film    = Σ_s T_s light_s/U_s,   T_s = Π_{j>s} (1 − w_j/U_j)            T: share of light that passes the slabs in front
+//! ```
 //! A ray that has passed slab s + 1 of a surface meets slab s of it: there U_s = 1 − w_s+1 and the two lights add, whatever is hidden behind.
 //! Surfaces apart cover the pupil independently: U_s = 1. Where nothing else is known in reach K = 0 and U_s = w_s: what is known stands for all.
 //! Light and shares are convolved separately, so the film is exact where one of two surfaces is in focus or the rear one is uniform; else a product of

@@ -1,6 +1,8 @@
 //! Transforms of the depth stage, counted, and those of its model.
 //!
-//!     model per FFT block of K nodes:  2 K + 1 for a tile at one distance,  5 K + 3 for each slab of the other tiles
+//! ```text
+//! model per FFT block of K nodes:  2 K + 1 for a tile at one distance,  5 K + 3 for each slab of the other tiles
+//! ```
 //! light on two nodes with one inverse; light, share and known light with an inverse each.
 
 use std::sync::atomic::{AtomicU64, Ordering::Relaxed};

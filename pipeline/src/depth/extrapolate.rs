@@ -3,8 +3,10 @@
 //! With the weight w in 0 to 1 and the values x (light, vergence) of a film pixel, level 0 being the known pixels, and the filter
 //! B_l = [1 2 1]/4 of rows and of columns whose taps are 2^l pixels apart:
 //!
-//!     w_l+1   = min(1, 4·(B_l ∗ w_l)),   x_l+1 = (B_l ∗ (w_l x_l))/(B_l ∗ w_l)
-//!     value   = Σ_l T_l w_l x_l/Σ_l T_l w_l,   T_l = Π_{k<l} (1 − w_k)
+//! ```text
+//! w_l+1   = min(1, 4·(B_l ∗ w_l)),   x_l+1 = (B_l ∗ (w_l x_l))/(B_l ∗ w_l)
+//! value   = Σ_l T_l w_l x_l/Σ_l T_l w_l,   T_l = Π_{k<l} (1 − w_k)
+//! ```
 //! No level has fewer samples than the film: a result follows a shift of the surface by whole pixels, wherever the film and its tiles begin. With
 //! L = ⌈log2(reach + 1)⌉ levels every pixel within `reach` of a known one gets a value, which depends on pixels at most 2^L − 1 rows and columns away.
 //!

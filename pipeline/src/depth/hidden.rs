@@ -3,9 +3,11 @@
 //! A blurred edge shows what is behind it. Near an edge in depth each slab s gets, at its own pixels, a surface behind it whose light and vergence are
 //! extrapolated (`extrapolate.rs`) from all slabs that are farther and apart from it (its donors):
 //!
-//!     edge     pixels of a slab with a donor of it among the 3 × 3 pixels around (shares above 10⁻⁴)
-//!     amount   min(a_s, 1 − b_s) within reach_s rows and columns of an edge            half the widest window of nodes up to the slab's nearer one
-//!     k        slab of the extrapolated V, or the occupied one nearest to it:  a_k += amount,  c_k += amount · light,  m_k += amount · t
+//! ```text
+//! edge     pixels of a slab with a donor of it among the 3 × 3 pixels around (shares above 10⁻⁴)
+//! amount   min(a_s, 1 − b_s) within reach_s rows and columns of an edge            half the widest window of nodes up to the slab's nearer one
+//! k        slab of the extrapolated V, or the occupied one nearest to it:  a_k += amount,  c_k += amount · light,  m_k += amount · t
+//! ```
 //! The donors of a slab are the slabs below a first one, which grows with the slab. A result depends on the pixels around it alone, so neither on tiles nor
 //! on where the film begins and ends.
 

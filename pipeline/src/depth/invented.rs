@@ -1,6 +1,8 @@
 //! Share of a film's light that comes from invented surfaces ([`super::hidden`]), per block of pixels.
 //!
-//!     share = Σ invented light/Σ light                     over the pixels of a block of a shard, 0 where there is no light
+//! ```text
+//! share = Σ invented light/Σ light                     over the pixels of a block of a shard, 0 where there is no light
+//! ```
 //! Tiles add their invented light; a shard's light is that of its pixels when it is complete. The sum over the tiles of a block is in their order, so its bits do
 //! not depend on threads.
 

@@ -2,10 +2,12 @@
 //!
 //! For every slab that has pixels in reach, and every film pixel:
 //!
-//!     a = Σ_q share_q                 share of the pixel's area whose surfaces lie in the slab
-//!     c = R·Σ_q share_q·chart_q       light
-//!     m = Σ_q share_q·t_q             share times position in the slab
-//!     share_q = [V_q in slab]·coverage_q·Π_{p<q, same slab} (1 − coverage_p)      per chart pixel: "over" in the order of the sheets
+//! ```text
+//! a = Σ_q share_q                 share of the pixel's area whose surfaces lie in the slab
+//! c = R·Σ_q share_q·chart_q       light
+//! m = Σ_q share_q·t_q             share times position in the slab
+//! share_q = [V_q in slab]·coverage_q·Π_{p<q, same slab} (1 − coverage_p)      per chart pixel: "over" in the order of the sheets
+//! ```
 //! The map from film to chart and R are those of the slab's middle vergence ([`crate::lens::depth`]). Scale ≥ 1: charts are interpolated as in
 //! [`crate::remap`], within one surface (`surface`); shares and distances are those of the nearest chart pixel, since a distance between two surfaces is
 //! that of neither. Scale < 1: means over the film pixel. Neither values nor distances where the coverage is 0 count. What no sheet covers is black behind

@@ -2,8 +2,10 @@
 //!
 //! Sheet 0 is what a pinhole at the centre of the entrance pupil sees; the others are hidden behind it. All have the chart's size.
 //!
-//!     V = 1/z,   z = distance · unit                      distance along the axis from the entrance pupil (planar)
-//!     z = distance · unit · f_D/hypot(f_D, X, Y)          distance along the ray to the chart pixel at (X, Y) on the ideal image plane
+//! ```text
+//! V = 1/z,   z = distance · unit                      distance along the axis from the entrance pupil (planar)
+//! z = distance · unit · f_D/hypot(f_D, X, Y)          distance along the ray to the chart pixel at (X, Y) on the ideal image plane
+//! ```
 //! A distance of 10⁶ m or more is infinity, V = 0.
 
 use crate::flow::{ChartSource, SourceSinkError};

@@ -1,9 +1,13 @@
 //! Slabs: the intervals of vergence between neighbouring depth nodes.
 //!
-//!     slab s = [V_s, V_s+1), the last one closed; slab 0 is the farthest. A lens with one node has one slab.
-//!     t = (V − V_s)/(V_s+1 − V_s)            position of a surface in its slab
+//! ```text
+//! slab s = [V_s, V_s+1), the last one closed; slab 0 is the farthest. A lens with one node has one slab.
+//! t = (V − V_s)/(V_s+1 − V_s)            position of a surface in its slab
+//! ```
 //! Two slabs are *apart* if another slab lies between them and their vergences differ by at least
-//!     max(2 px, a quarter of the farther one's blur)/blur per dioptre;
+//! ```text
+//! max(2 px, a quarter of the farther one's blur)/blur per dioptre;
+//! ```
 //! otherwise they may belong to one surface.
 
 /// A depth edge: blur radii that differ by more than this, px.

@@ -3,8 +3,10 @@
 //! A sheet shows several surfaces beside each other, and nothing where its coverage is 0. At the edge of a surface some of the chart pixels around a
 //! point are of the surface, the others are not:
 //!
-//!     mean    = Σ b·v/Σ b              over those of the 2 × 2 pixels that are of the surface, b: weights of bilinear interpolation
-//!     value   = Σ w·v + (1 − Σ w)·mean over those of the 4 × 4 pixels that are of the surface, w: weights of bicubic interpolation
+//! ```text
+//! mean    = Σ b·v/Σ b              over those of the 2 × 2 pixels that are of the surface, b: weights of bilinear interpolation
+//! value   = Σ w·v + (1 − Σ w)·mean over those of the 4 × 4 pixels that are of the surface, w: weights of bicubic interpolation
+//! ```
 //! so a pixel that is not of the surface counts as that mean; with all pixels of the surface the value is that of bicubic interpolation, same bits. Pixels
 //! are of one surface if their slabs are not apart ([`super::slabs::Slabs::apart`]).
 

@@ -1,6 +1,8 @@
 //! Reader of AGF glass catalogues: the text format that glass makers publish for design programs.
 //!
-//!     NM <name> <formula> …      CD <coefficients>      LD <min µm> <max µm>
+//! ```text
+//! NM <name> <formula> …      CD <coefficients>      LD <min µm> <max µm>
+//! ```
 //! Names consist of letters, digits and signs, without blanks. Lines with other keywords (comments, cost, thermal and chemical data,
 //! internal transmission) do not change the index at 20 °C and 1 atm and are skipped. ASCII, Latin-1, UTF-8 or UTF-16LE with BOM.
 

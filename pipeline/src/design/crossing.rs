@@ -1,6 +1,8 @@
 //! Surfaces that cross within the aperture that light uses: such a prescription cannot be made, and rays go backwards there.
 //!
-//!     gap(r) = t + sag₂(r) − sag₁(r)      t thickness, sag towards +z of the light [mm]; behind a mirror sag₁ counts the other way
+//! ```text
+//! gap(r) = t + sag₂(r) − sag₁(r)      t thickness, sag towards +z of the light [mm]; behind a mirror sag₁ counts the other way
+//! ```
 //! Planes of reference and diaphragms, which have the same medium on both sides, are left out: a stop may lie in the hollow of a lens.
 //! The used radius of a surface is that of its meridional rays from three field points, as far as they pass its aperture.
 

@@ -1,6 +1,8 @@
 //! Chief rays: image height as a function of the field angle, its derivative, and the inverse.
 //!
-//!     h(t) = height in the image plane of the chief ray at t = tan θ;    dh/dt = ∂h/∂t + ∂h/∂x · dx/dt,    dx/dt = −(∂X/∂t)/(∂X/∂x)
+//! ```text
+//! h(t) = height in the image plane of the chief ray at t = tan θ;    dh/dt = ∂h/∂t + ∂h/∂x · dx/dt,    dx/dt = −(∂X/∂t)/(∂X/∂x)
+//! ```
 //! (X the height in the stop, x the point in the entrance pupil plane, dx/dt = 0 for paraxial aiming). One ray with derivatives by t and
 //! x gives both. The inverse: bracketed by the chief rays that [`super::aim`] follows from the axis, then Newton's method.
 

@@ -1,6 +1,8 @@
 //! From point samples of a PSF to shares per film pixel.
 //!
-//!     share(i, k) = Σ_j Σ_l w_ij w_kl v_jl,     w_ij = (1/p) ∫_pixel i ℓ((x − x_j)/p) dx
+//! ```text
+//! share(i, k) = Σ_j Σ_l w_ij w_kl v_jl,     w_ij = (1/p) ∫_pixel i ℓ((x − x_j)/p) dx
+//! ```
 //! v are samples (share per sample, pitch p finer than Nyquist), ℓ the interpolation kernel: sinc times a Kaiser window of half-width 20
 //! samples, normalised to reproduce constants. For samples at up to 0.95 Nyquist of a lens's PSF the error is below 1e-5 of the
 //! peak (the spectrum falls to 0 at the band limit). Film pixel and sample grids have the same centre; samples outside the window are 0.

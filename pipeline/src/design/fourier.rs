@@ -1,6 +1,8 @@
 //! Complex FFTs of [`LANES`] sequences at once, in f32: sample i of all of them lie side by side.
 //!
-//!     Z_k = Σ_i z_i exp(+2πi·ik/n)        (not scaled), n = 2^a·3^b·5^c
+//! ```text
+//! Z_k = Σ_i z_i exp(+2πi·ik/n)        (not scaled), n = 2^a·3^b·5^c
+//! ```
 //! Stockham's self-sorting form with radices 2, 3, 4 and 5. Sums and products are separate operations in a fixed order, and the roots of
 //! unity are those of [`crate::real`]: the same bits on every machine, whatever instructions the compiler chooses.
 //! Source: Van Loan, Computational Frameworks for the Fast Fourier Transform, section 1.7; radix 5: Nussbaumer, section 5.2.

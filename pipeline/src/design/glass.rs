@@ -1,6 +1,8 @@
 //! Glasses: refractive index against wavelength.
 //!
-//!     n(λ), λ in µm, relative to air at 20 °C and 1 atm, as in glass makers' catalogues
+//! ```text
+//! n(λ), λ in µm, relative to air at 20 °C and 1 atm, as in glass makers' catalogues
+//! ```
 //! The thirteen dispersion formulas of the AGF catalogue format by number: 1 Schott, 2/6/11 Sellmeier of 3/4/5
 //! terms, 3 Herzberger, 4 Sellmeier 2, 5 Conrady, 7/8 Handbook of Optics, 9 Sellmeier 4, 10/12/13 extended power series.
 //! Source: the format as described in glass makers' catalogues; Schott's technical note TIE-29 for Sellmeier 1.

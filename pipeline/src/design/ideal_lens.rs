@@ -1,11 +1,15 @@
 //! An ideal thin lens (the surface type PARAXIAL of design programs): every point is imaged to a point, whatever the aperture.
 //!
-//!     n' τ' = n τ − P/f                          τ, τ' slopes (L/N, M/N) before and behind, P = (x, y) on the lens, f focal length [mm]
-//!     φ = n (v P² − 2 τ·P)/(T + A) + n' (v' P² + 2 τ'·P)/(T' + A')
-//!     v = 1/s,  n' v' = 1/f − n v,  a = P v − τ,  a' = P v' + τ',  A = √(1 + a²),  T = √(1 + τ²), A', T' likewise
+//! ```text
+//! n' τ' = n τ − P/f                          τ, τ' slopes (L/N, M/N) before and behind, P = (x, y) on the lens, f focal length [mm]
+//! φ = n (v P² − 2 τ·P)/(T + A) + n' (v' P² + 2 τ'·P)/(T' + A')
+//! v = 1/s,  n' v' = 1/f − n v,  a = P v − τ,  a' = P v' + τ',  A = √(1 + a²),  T = √(1 + τ²), A', T' likewise
+//! ```
 //! φ is the optical path that the lens adds: all paths from the object point O, which the ray passes at the distance s before the lens, to its
 //! image O' at s' = 1/v' behind it are equal to that through the centre of the lens,
-//!     φ = n (|O| − |O P|) + n' (|O'| − |P O'|)   (both signs reversed for a virtual O, O'),
+//! ```text
+//! φ = n (|O| − |O P|) + n' (|O'| − |P O'|)   (both signs reversed for a virtual O, O'),
+//! ```
 //! which is written with vergences, so that objects and images at infinity are no special case. s is that of the axial object point at
 //! this wavelength, by first-order optics; at an image (a field lens) φ = 0. For a bundle that has aberrations before the lens φ is exact to first
 //! order in them, as no real surface images all points of space to points.

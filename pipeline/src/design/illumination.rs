@@ -1,14 +1,20 @@
 //! Relative illumination: irradiance of the film under a uniform object, relative to the axis.
 //!
-//!     R(h) = G(h) / G(0),     G = E / L₀ [sr]     E irradiance of the film, L₀ radiance of the object
-//!     object at infinity:  G = ∫∫ dx dy (beam in the entrance pupil plane) · |d(L, M)_object / d(X, Y)_film|
-//!     finite distance:     G = ∫∫ dL dM (bundle at the object point) · |d(x, y)_object / d(X, Y)_film|
+//! ```text
+//! R(h) = G(h) / G(0),     G = E / L₀ [sr]     E irradiance of the film, L₀ radiance of the object
+//! object at infinity:  G = ∫∫ dx dy (beam in the entrance pupil plane) · |d(L, M)_object / d(X, Y)_film|
+//! finite distance:     G = ∫∫ dL dM (bundle at the object point) · |d(x, y)_object / d(X, Y)_film|
+//! ```
 //! The light of a field element enters the lens through its beam and lands on the film element that the CHIEF RAYS of the field element
 //! surround: with t = tan θ and the chief-ray height h(t),
-//!     |d(L, M)/d(X, Y)| = t / (h · dh/dt · (1 + t²)²),     |d(x, y)/d(X, Y)| = z² · t / (h · dh/dt),     z object to entrance pupil.
+//! ```text
+//! |d(L, M)/d(X, Y)| = t / (h · dh/dt · (1 + t²)²),     |d(x, y)/d(X, Y)| = z² · t / (h · dh/dt),     z object to entrance pupil.
+//! ```
 //! Light is conserved: ∫ G dX dY over the film is the power that passes the entrance pupil. The PSF, measured from the chief ray, spreads
 //! it further. The *solid angle* of the bundle at the film,
-//!     Ω = ∫∫ |d(L, M)_film / d(p, q)| dp dq,
+//! ```text
+//! Ω = ∫∫ |d(L, M)_film / d(p, q)| dp dq,
+//! ```
 //! equals G where the bundle is in perfect focus (radiance is conserved along rays); defocus and aberrations separate the two: at the edge
 //! of the field of a Double Gauss 0.915 against 0.920, of a biconvex singlet 0.75 against 1.09. A lone stop gives cos⁴ for both.
 //! Includes vignetting and pupil aberration. Left out: change of transmission with field.

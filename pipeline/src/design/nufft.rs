@@ -1,6 +1,8 @@
 //! Power of a Fourier sum of scattered points on a regular grid: a two-dimensional nonuniform FFT of type 1, in f32.
 //!
-//!     U(j, k) = Σ c_i e^{i (j s_i + k t_i)}        j, k = −h..h,   |s|, |t| < π
+//! ```text
+//! U(j, k) = Σ c_i e^{i (j s_i + k t_i)}        j, k = −h..h,   |s|, |t| < π
+//! ```
 //! Each point is spread on a fine grid (1.5 times as many cells as outputs) with the kernel φ(z) = exp(β(√(1−z²) − 1)), w = 8 cells
 //! wide, transformed by an FFT (`fourier`), and divided by the spectrum of φ. Error of U relative to √(Σ|c|²): 2e-6 (rms), at the edge of
 //! the outputs at most 2e-5.

@@ -1,8 +1,10 @@
 //! First-order optics: focal lengths, pupils, F-numbers, position of the paraxial image.
 //!
-//!     n' u' = n u − y c (n' − n),   y ← y + t u'      y height [mm], u slope (tan of the angle), c curvature, t gap
-//!     u' = u + 2 y c                                  mirror; z counts along the light before and behind it
-//!     n' u' = n u − y/f                               ideal lens
+//! ```text
+//! n' u' = n u − y c (n' − n),   y ← y + t u'      y height [mm], u slope (tan of the angle), c curvature, t gap
+//! u' = u + 2 y c                                  mirror; z counts along the light before and behind it
+//! n' u' = n u − y/f                               ideal lens
+//! ```
 //! All paraxial rays are linear combinations of two rays from the first vertex, (y, u) = (1, 0) and (0, 1).
 //! *Distortion focal length* = d(chief-ray height in the ACTUAL image plane)/d(tan of the field angle at the entrance pupil):
 //! it equals the effective focal length only when the film lies at the paraxial focus of an object at infinity.

@@ -1,9 +1,11 @@
 //! The point spread function of a field point: a Huygens sum of plane wavelets, one per ray.
 //!
-//!     U(X) = ∫∫ √(Φ J / N) e^{ik(W + L X + M Y)} dp dq      PSF = |U|²,   k = 2π/λ
-//!     W = path − L (x − x₀) − M y       X, Y relative to the intersection (x₀, 0) of the chief ray with the film; (x, y) that of the ray
-//!     J = |d(L, M)/d(p, q)|,   Φ = flux per dp dq,   (L, M, N) optical direction cosines in image space,
-//!     times its index where the film lies in a glass
+//! ```text
+//! U(X) = ∫∫ √(Φ J / N) e^{ik(W + L X + M Y)} dp dq      PSF = |U|²,   k = 2π/λ
+//! W = path − L (x − x₀) − M y       X, Y relative to the intersection (x₀, 0) of the chief ray with the film; (x, y) that of the ray
+//! J = |d(L, M)/d(p, q)|,   Φ = flux per dp dq,   (L, M, N) optical direction cosines in image space,
+//! times its index where the film lies in a glass
+//! ```
 //! Amplitude: |A|² N dL dM is the power of the wavelets in dL dM, which passes through dp dq; so A dL dM = √(Φ J / N) dp dq.
 //! A plain FFT of the pupil assumes constant J and N and a round pupil: 5-14 % wrong off axis for a Double Gauss.
 //! Total energy: ∫∫ |U|² dX dY = λ² ∫∫ (Φ/N) dp dq (Parseval), so the share inside any window is known without a larger one.

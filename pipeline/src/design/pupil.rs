@@ -1,6 +1,8 @@
 //! The open part of the pupil for a field point, and its quadrature.
 //!
-//!     ∫∫ f(p, q) dp dq = ∫ dθ ∫₀¹ f · ρ B(θ)² dρ        (p, q) = (c, 0) + ρ B(θ) (cos θ, sin θ)
+//! ```text
+//! ∫∫ f(p, q) dp dq = ∫ dθ ∫₀¹ f · ρ B(θ)² dρ        (p, q) = (c, 0) + ρ B(θ) (cos θ, sin θ)
+//! ```
 //! Pupil coordinates as in [`super::ray`]; the pupil is symmetric about the meridian q = 0, so θ is in [0, π]. B(θ) is the rim: the unit
 //! circle, or the first aperture that clips. The half circle is divided into segments at the corners between rims, so B is smooth on each
 //! and quadrature converges fast: Gauss-Legendre in ρ; in θ the midpoint rule on an unclipped half circle (spectral convergence for a

@@ -1,6 +1,8 @@
 //! The pupil function of a field point: phase, direction cosines and amplitude of its rays over the open pupil.
 //!
-//!     W = path − L (x − x₀) − M y,   A = √(Φ J / N),   J = |d(L, M)/d(p, q)|,   Φ = flux per dp dq     ([`super::psf`])
+//! ```text
+//! W = path − L (x − x₀) − M y,   A = √(Φ J / N),   J = |d(L, M)/d(p, q)|,   Φ = flux per dp dq     ([`super::psf`])
+//! ```
 //! All are smooth over each segment of the pupil ([`super::pupil`]): they are interpolated from rays at Chebyshev points of (ρ, θ), as
 //! many in each direction as it needs. The error is checked at rays in between, in ρ alone, in θ alone, and in both.
 

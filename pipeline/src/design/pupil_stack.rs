@@ -4,7 +4,9 @@
 //! them from the same values with the same sums ([`super::psf`]), each scaled to sum 1.
 //! A pupil has one segment, or several where surfaces limit it ([`super::pupil`]). The values of a segment are at Chebyshev points of the first kind,
 //!
-//!     ρ_i = (1 − cos(π (i + ½)/rings))/2,    θ_j = from + (to − from) (1 − cos(π (j + ½)/spokes))/2,    ρ as the slow index,
+//! ```text
+//! ρ_i = (1 − cos(π (i + ½)/rings))/2,    θ_j = from + (to − from) (1 − cos(π (j + ½)/spokes))/2,    ρ as the slow index,
+//! ```
 //! as rows of W in µm, L, M, √(Φ J / N) · B², and Φ / N · B²; the last two are negative where an obscuration hides the light.
 
 use std::f64::consts::{PI, TAU};

@@ -1,10 +1,14 @@
 //! Gauss-Legendre quadrature on [0, 1].
 //!
-//!     ∫₀¹ f dx = Σ w_i f(x_i),   x_i = (1 − z_i)/2,   w_i = 1/((1 − z_i²) P_n'(z_i)²),   z_i the zeros of the Legendre polynomial P_n
+//! ```text
+//! ∫₀¹ f dx = Σ w_i f(x_i),   x_i = (1 − z_i)/2,   w_i = 1/((1 − z_i²) P_n'(z_i)²),   z_i the zeros of the Legendre polynomial P_n
+//! ```
 //! exact for polynomials up to the degree 2n − 1. The zeros by Newton's method from cos(π (i − 1/4)/(n + 1/2)).
 //! Their density grows towards both ends, so an oscillating integrand needs π/2 nodes per period of its middle. The map
 //!
-//!     x = ½ + asin(α t) / (2 asin α),   α = 1/cosh(c/n),   t ∈ [−1, 1]
+//! ```text
+//! x = ½ + asin(α t) / (2 asin α),   α = 1/cosh(c/n),   t ∈ [−1, 1]
+//! ```
 //! makes their density even, and about one node per period is enough (`oscillating`).
 //! Source: Davis & Rabinowitz, Methods of Numerical Integration, 2.7; the map: Kosloff & Tal-Ezer, J. Comput. Phys. 104 (1993), section 2;
 //! in quadrature: Hale & Trefethen, SIAM J. Numer. Anal. 46 (2008).

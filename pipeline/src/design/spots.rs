@@ -1,7 +1,9 @@
 //! Spot diagrams and best focus.
 //!
-//!     RMS² = Σ w |ρ − ρ̄|² / Σ w      GEO = max |ρ − reference|      w = flux through the pupil, ρ in the image plane [mm]
-//!     Strehl = |Σ a e^{ikΦ}|² / (Σ a)²      at the chief ray (no tilt removed), Φ the optical path less its value on the chief ray
+//! ```text
+//! RMS² = Σ w |ρ − ρ̄|² / Σ w      GEO = max |ρ − reference|      w = flux through the pupil, ρ in the image plane [mm]
+//! Strehl = |Σ a e^{ikΦ}|² / (Σ a)²      at the chief ray (no tilt removed), Φ the optical path less its value on the chief ray
+//! ```
 //! Pupil: polar Gauss-Legendre, with the vignetting of the PSF; [`polychromatic_spot`] uses the hexapolar rays of design programs instead.
 //! Source: Welford, chapters 6 and 13; Born & Wolf 9.1.
 

@@ -2,8 +2,10 @@
 //!
 //! A break changes the coordinates of a surface and of all behind it, or of these alone, before the thickness of its surface:
 //!
-//!     order 0:      v' = (Rx Ry Rz)ᵀ (v − δ)      δ = decentre, tilts about x, y and z, right-handed
-//!     else:         v' = (Rz Ry Rx)ᵀ v − δ
+//! ```text
+//! order 0:      v' = (Rx Ry Rz)ᵀ (v − δ)      δ = decentre, tilts about x, y and z, right-handed
+//! else:         v' = (Rz Ry Rx)ᵀ v − δ
+//! ```
 //! The ray that starts along the axis is followed through the local coordinates of every surface. A plane mirror may be met at any angle: it
 //! folds the axis, which changes nothing for a rotationally symmetric beam. So may a plane without change of medium. Every other surface, the
 //! stop and the image must have the ray on its vertex, along its normal. Gaps are then the lengths along the ray.

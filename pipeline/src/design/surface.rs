@@ -1,9 +1,11 @@
 //! One surface: intersection with a ray, normal, refraction or reflection.
 //!
-//!     sag(r) = c r² / (1 + √(1 − (1 + κ) c² r²)) + Σ α_i r^(2i) + Σ β_i r^(2i−1)
-//!                                                                   c curvature [1/mm], κ conic constant, α_i [mm^(1−2i)], β_i [mm^(2−2i)]
-//!     n' d' = n d + (n' cos i' − n cos i) N                          Snell's law in vector form, N along the ray
-//!     d' = d − 2 (d·N) N                                             mirror; z then counts along the reflected light
+//! ```text
+//! sag(r) = c r² / (1 + √(1 − (1 + κ) c² r²)) + Σ α_i r^(2i) + Σ β_i r^(2i−1)
+//!                                                               c curvature [1/mm], κ conic constant, α_i [mm^(1−2i)], β_i [mm^(2−2i)]
+//! n' d' = n d + (n' cos i' − n cos i) N                          Snell's law in vector form, N along the ray
+//! d' = d − 2 (d·N) N                                             mirror; z then counts along the reflected light
+//! ```
 //! Coordinates in mm, origin at the vertex, +z along the light. The intersection with STANDARD surfaces (all
 //! α_i = 0) is in closed form, that with even aspheres by Newton's method from there. Of two intersections the one nearer the vertex is
 //! used.

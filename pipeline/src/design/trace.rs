@@ -310,6 +310,24 @@ fn header(system: &System, primary: &Paraxial) -> Lens {
 
 /// Traces all bands and passes each to `sink`; returns the lens with all tables, without PSFs.
 ///
+/// ```
+/// use lenscube_pipeline::design::{System, TraceOptions, trace_lens};
+///
+/// // Tables and PSFs of the built-in lens at 550 nm, up to 0.3 mm from the axis.
+/// let options = TraceOptions::new(vec![550.0], 0.3);
+/// let mut stacks = vec![];
+/// let lens = trace_lens(&System::double_gauss_28(), &options, &mut |_| (), |_, band| {
+///     stacks.push(band.psf);
+///     Ok::<(), String>(())
+/// })?;
+/// assert!((lens.effective_focal_length_mm - 99.5).abs() < 0.01);
+/// // The PSF on the axis has sum 1 and its maximum in the middle sample.
+/// let psf = stacks[0].window(0);
+/// assert!((psf.iter().sum::<f32>() - 1.0).abs() < 1e-5);
+/// assert!(psf.iter().all(|&v| v <= psf[psf.len() / 2]));
+/// # Ok::<(), lenscube_pipeline::design::DesignError>(())
+/// ```
+///
 /// # Errors
 /// As [`LensTrace::new`] and [`LensTrace::band`]; [`DesignError::Sink`] for an error of `sink`.
 pub fn trace_lens<E: std::fmt::Display>(

@@ -1,6 +1,8 @@
 //! Plane wavelets of a pupil function: the nodes of the quadrature of the Huygens sum ([`super::psf`]).
 //!
-//!     c = √(Φ J / N) e^{ikW} · w,    w = weight of the quadrature in dp dq,    k = 2π/λ
+//! ```text
+//! c = √(Φ J / N) e^{ikW} · w,    w = weight of the quadrature in dp dq,    k = 2π/λ
+//! ```
 //! The integrand of a point X of the film oscillates with k (W + L X + M Y). Its change of phase per unit of ρ and of θ is at most
 //! κ = k (√2 reach · |d(L, M)| + |dW|), so the density of the nodes follows from the window: about one per period in each direction
 //! ([`oscillating`]). Inner rings have fewer of them in θ, and groups of rings where rays change less have fewer rings.

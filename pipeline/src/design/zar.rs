@@ -2,11 +2,13 @@
 //!
 //! The archive is a sequence of members, each a header of 648 bytes and the data; integers are little-endian:
 //!
-//!     0    u16   0x03EC
-//!     8    u32   1 if the data are packed (the name then ends with `.LZW`)
-//!     16   u64   length of the data in the archive
-//!     24   u64   length of the unpacked data
-//!     48   [u16] name, UTF-16, ended by 0
+//! ```text
+//! 0    u16   0x03EC
+//! 8    u32   1 if the data are packed (the name then ends with `.LZW`)
+//! 16   u64   length of the data in the archive
+//! 24   u64   length of the unpacked data
+//! 48   [u16] name, UTF-16, ended by 0
+//! ```
 //!
 //! Packed data are LZW codes, most significant bit first, without clear or end code: 256 single bytes, then one entry a code; a code has 9 bits, and one
 //! more from the code on before which the reader's table has 2ⁿ entries. Found by comparing archives with their contents. Archives of before 2010

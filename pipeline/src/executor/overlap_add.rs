@@ -1,6 +1,8 @@
 //! Overlap-add: sums the contributions of tiles into shards and emits a shard once it is complete.
 //!
-//!     film[y, x] = Σ_tiles contribution_tile[y, x]
+//! ```text
+//! film[y, x] = Σ_tiles contribution_tile[y, x]
+//! ```
 //! The contribution of a tile covers the tile and its tail, half a PSF window on every side, so contributions overlap. f32 addition is not
 //! associative: each shard adds the tiles that reach it in their order in the tiling, whatever the order in which they are computed, so
 //! the film has the same bits for any number of threads. The first tile that reaches a pixel sets it, so that shards need not be zeroed. Shards are independent of each other, so threads add to different shards at a

@@ -1,10 +1,12 @@
 //! Depth nodes of a lens: its PSFs at several object distances, all on one film plane.
 //!
-//!     V            vergence 1/z of the object in 1/m, z from the centre of the entrance pupil along the axis; 0 is infinity
-//!     vergence[d]  vergence of node d, ascending; between two nodes a PSF is linear in V
-//!     h(r, V) = h(r, 0)·(1 + δ(r)·V/1000)    ideal height in mm; δ = `pupil_shift_mm`, the distance from the centre of the entrance pupil
-//!                  to the point where the chief ray of that film point crosses the axis, towards the film
-//!     R(r, V) = R(r)·G(r, V)/G(r, V_f)       relative illumination; G/G_f = `etendue_ratio`, V_f the vergence in focus
+//! ```text
+//! V            vergence 1/z of the object in 1/m, z from the centre of the entrance pupil along the axis; 0 is infinity
+//! vergence[d]  vergence of node d, ascending; between two nodes a PSF is linear in V
+//! h(r, V) = h(r, 0)·(1 + δ(r)·V/1000)    ideal height in mm; δ = `pupil_shift_mm`, the distance from the centre of the entrance pupil
+//!              to the point where the chief ray of that film point crosses the axis, towards the film
+//! R(r, V) = R(r)·G(r, V)/G(r, V_f)       relative illumination; G/G_f = `etendue_ratio`, V_f the vergence in focus
+//! ```
 //! Each node has heights, azimuths, window and pitch of its own.
 
 use super::{LensBand, LensError};

@@ -1,6 +1,8 @@
 //! Position of an isolated point.
 //!
-//!     c = Σ (v − b)·p / Σ (v − b)
+//! ```text
+//! c = Σ (v − b)·p / Σ (v − b)
+//! ```
 //! over the pixels p of a square, b the mean of the square's outermost ring. Exact for a point whose image lies inside the ring.
 
 use crate::geometry::Rect;

@@ -1,7 +1,9 @@
 //! Edge spread function expected from a PSF, as a direct sum over its samples.
 //!
 //! Across an edge of normal n (azimuth α) the problem is one-dimensional: with u_i = d_i · n the position of PSF sample i (share p_i) along n,
-//!     ESF(u) = Σ_i p_i · S(u − u_i)
+//! ```text
+//! ESF(u) = Σ_i p_i · S(u − u_i)
+//! ```
 //! where S is the response to a step of all operations between chart and film value other than the PSF: the mean over the chart pixel's
 //! square and over the film pixel's square (each, along n, a box of width |cos α| and one of |sin α|), the bin of the measurement, and
 //! the taps of the interpolation between chart pixels, each a shift along n with a weight. A PSF at azimuth θ is not rotated: its samples

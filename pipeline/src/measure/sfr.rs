@@ -1,8 +1,12 @@
 //! Modulation transfer function (MTF) from an edge: e-SFR (ISO 12233).
 //!
-//!     LSF(u) = dESF/du,   MTF(f) = |∫ LSF(u)·w(u)·exp(−2πi·f·u) du| / |∫ LSF(u)·w(u) du|
+//! ```text
+//! LSF(u) = dESF/du,   MTF(f) = |∫ LSF(u)·w(u)·exp(−2πi·f·u) du| / |∫ LSF(u)·w(u) du|
+//! ```
 //! The derivative is a central difference over 2 bins and a bin is a mean over its width Δ; both are corrected:
-//!     MTF /= sinc(2·f·Δ)·sinc(f·Δ),   sinc(x) = sin(πx)/(πx).
+//! ```text
+//! MTF /= sinc(2·f·Δ)·sinc(f·Δ),   sinc(x) = sin(πx)/(πx).
+//! ```
 //! w is 1 with a cosine taper over the outer quarter, so that a PSF inside the flat part keeps its width (a Hamming
 //! window over 32 px narrows a line of σ = 1 px by 0.9 %).
 

@@ -2,9 +2,11 @@
 //!
 //! Node (k, j) lies at REAL image height r_k and azimuth θ_j = 2πj/J_k. Between nodes the PSF is linear in r and, on each height,
 //! linear in θ: the PSF at (r, θ) is Σ_kj w_kj(r, θ)·P_kj with
-//!     w_kj = A_k(r) · B_kj(θ),
-//!     A_k = max(0, min((r − r_{k−1})/(r_k − r_{k−1}), (r_{k+1} − r)/(r_{k+1} − r_k)));  1 beyond the last height
-//!     B_kj = max(0, 1 − |θ − θ_j|·J_k/2π), |θ − θ_j| ≤ π;  1 for the axis node, which has no azimuth
+//! ```text
+//! w_kj = A_k(r) · B_kj(θ),
+//! A_k = max(0, min((r − r_{k−1})/(r_k − r_{k−1}), (r_{k+1} − r)/(r_{k+1} − r_k)));  1 beyond the last height
+//! B_kj = max(0, 1 − |θ − θ_j|·J_k/2π), |θ − θ_j| ≤ π;  1 for the axis node, which has no azimuth
+//! ```
 //! At most four weights of a pixel are above 0; they sum to 1. Heights are stored in film pixels. Within a block of pixels r and θ
 //! are relative to the block's centre, so that f32 weights are exact to about 1e-7 anywhere on a 14,141² film.
 

@@ -2,7 +2,9 @@
 //!
 //! The stack holds PSFs of field points on +x. Node (k, j) is P_k rotated by θ_j = 2πj/J_k about the chief ray (row down: a tail
 //! on +x points down at 90°):
-//!     P_kj(x, y) = P_k(x cos θ + y sin θ, −x sin θ + y cos θ)
+//! ```text
+//! P_kj(x, y) = P_k(x cos θ + y sin θ, −x sin θ + y cos θ)
+//! ```
 //! interpolated by a cubic B-spline (`rotation`), integrated over film pixels (`integration`) and normalised to sum 1. A stack of
 //! integrated samples at film pitch is not integrated again, and its kernels at quarter turns are its samples.
 //! One *base kernel* expands to four or eight kernels by exact permutations (`symmetry`). Base kernels are computed in f64, or in

@@ -1,10 +1,14 @@
 //! PSF stage (SVPSF, spatially variant point spread function): every pixel of the remapped image scatters its own PSF onto the film.
 //!
-//!     film[v, u] = Σ_{y, x} remapped[y, x] · P(r, θ)[v − y, u − x]
+//! ```text
+//! film[v, u] = Σ_{y, x} remapped[y, x] · P(r, θ)[v − y, u − x]
+//! ```
 //! with (r, θ) the REAL image height and azimuth of pixel (y, x) and P of sum 1 over its window of film pixels. Between the nodes
 //! of a polar grid ([`grid`]) P is interpolated linearly, P(r, θ) = Σ_node w_node(r, θ)·P_node, so the sum is, without further
 //! approximation, a sum of convolutions:
-//!     film = Σ_node (w_node · remapped) ∗ P_node
+//! ```text
+//! film = Σ_node (w_node · remapped) ∗ P_node
+//! ```
 //! Per block ([`blocks`]) and node that touches it: pixels × weight ([`polar`]), forward FFT, product with the spectrum of the node's
 //! kernel ([`kernel`], [`spectra`]), accumulate; per block one inverse FFT, overlap-add. [`portable`] does this with library
 //! transforms, the SIMD engines with transforms of their own; the plain sum is in `tests/oracle`.

@@ -1,7 +1,9 @@
 //! Polar coordinates of one block: r and θ of every pixel about the optical axis, relative to the block's centre, in f32.
 //!
 //! Far from the axis, with (a, b) the offset of a pixel along and across the ray to the block's centre at radius rc,
-//!     t = b/(rc + a),   r − rc = a + b·t/(√(1 + t²) + 1),   θ − θc = atan t,   |t| ≤ 0.6
+//! ```text
+//! t = b/(rc + a),   r − rc = a + b·t/(√(1 + t²) + 1),   θ − θc = atan t,   |t| ≤ 0.6
+//! ```
 //! without cancellation and with one division. Near the axis (rc < 2.6 half sides) both are computed in f64.
 
 use crate::psf::grid::PolarExtent;

@@ -3,11 +3,17 @@
 //! Film columns are divided into blocks of [`ANCHOR_SPACING_PX`] at multiples of it, independent of the rectangle being computed, so
 //! the coordinates of a pixel do not depend on the rectangle. The anchor of a block is its middle pixel, at radius ρ and offset
 //! (dx, dy) from the axis, computed in f64:
-//!     m = h(ρ)/ρ,   row = offset + dy·m/scale,   col = offset + dx·m/scale,   split into an integer and an f32 fraction.
+//! ```text
+//! m = h(ρ)/ρ,   row = offset + dy·m/scale,   col = offset + dx·m/scale,   split into an integer and an f32 fraction.
+//! ```
 //! A pixel t columns on (|t| ≤ 8) lies δ = r − ρ farther out. With u = dx/ρ, ε = t/ρ:
-//!     δ = ρ·(uε + (1 − u²)/2·(ε² − uε³ + (5u² − 1)/4·ε⁴))                 (Taylor series of √(1 + 2uε + ε²))
+//! ```text
+//! δ = ρ·(uε + (1 − u²)/2·(ε² − uε³ + (5u² − 1)/4·ε⁴))                 (Taylor series of √(1 + 2uε + ε²))
+//! ```
 //! The field's table is linear in r between its knots r_j, with slope h′_j and change of slope κ_j = h′_j − h′_{j−1}, so exactly
-//!     h(r)/r − m = ((h′ − m)·δ + Σ_{r_j > ρ} κ_j·max(0, r − r_j) + Σ_{r_j ≤ ρ} κ_j·max(0, r_j − r)) / r
+//! ```text
+//! h(r)/r − m = ((h′ − m)·δ + Σ_{r_j > ρ} κ_j·max(0, r − r_j) + Σ_{r_j ≤ ρ} κ_j·max(0, r_j − r)) / r
+//! ```
 //! and 1/r = (1 − δ/ρ)(1 + δ²/ρ²)/ρ. R follows from its own table likewise. All terms but the anchor are of the size of the change
 //! within a block, for which f32 suffices.
 //!

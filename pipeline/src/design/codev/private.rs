@@ -1,7 +1,9 @@
 //! The private glasses of a sequence file: `PRV`, `PWL` with wavelengths in nm, a line per glass, `END`.
 //!
-//!     'NAME' n1 n2 …          indices at the wavelengths of PWL
-//!     'NAME' LAU c0 c1 …      Laurent series n² = c0 + c1 λ² + c2 λ⁻² + c3 λ⁻⁴ + …, λ in µm
+//! ```text
+//! 'NAME' n1 n2 …          indices at the wavelengths of PWL
+//! 'NAME' LAU c0 c1 …      Laurent series n² = c0 + c1 λ² + c2 λ⁻² + c3 λ⁻⁴ + …, λ in µm
+//! ```
 
 use super::command::Command;
 use crate::design::error::DesignError;

@@ -1,8 +1,10 @@
 //! What the depth nodes of a band need, estimated from a few rays before any PSF is traced.
 //!
-//!     ρ = blur per dioptre · |V − V_f| in film px
-//!     nodes   √(0.02/tolerance) · (2 per px of ρ up to 10 px, then 1 per px), on either side of focus
-//!     window  that in focus + 2ρ px
+//! ```text
+//! ρ = blur per dioptre · |V − V_f| in film px
+//! nodes   √(0.02/tolerance) · (2 per px of ρ up to 10 px, then 1 per px), on either side of focus
+//! window  that in focus + 2ρ px
+//! ```
 //! Measured for an L1 error of 2 %: f/1.8 with 1 µm px 11, 18, 29, 47 nodes a side up to 5, 10, 20, 40 px; Double Gauss with 2 µm px 10, 19, 34, 67, and
 //! 142 up to 145 px.
 

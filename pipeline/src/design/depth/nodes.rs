@@ -1,7 +1,9 @@
 //! Vergences of depth nodes, chosen by the error of linear interpolation half-way between them.
 //!
-//!     e(V, h) = (P(V − h) + P(V + h))/2 − P(V)         kernels integrated over film pixels, of sum 1 in a window that holds the blur and its rim
-//!     L1 = Σ |e|,   ESF = largest |running sum of e's rows or columns|      the worst of some field points
+//! ```text
+//! e(V, h) = (P(V − h) + P(V + h))/2 − P(V)         kernels integrated over film pixels, of sum 1 in a window that holds the blur and its rim
+//! L1 = Σ |e|,   ESF = largest |running sum of e's rows or columns|      the worst of some field points
+//! ```
 //! Both are C·h² to the next order, also far from focus. C is measured at probing vergences, nodes are placed with a density of √(C/tolerance)/2 per
 //! dioptre, cells are checked at their middle, and C there refines the density; a cell that still fails is halved. Of many cells (large blurs) some are
 //! checked: C is a smooth function of V.

@@ -5,8 +5,10 @@
 //! (`adopt` of the choice of nodes, design/grid.rs): most of the PSFs that a trace computes serve that choice.
 //! The tables of the band are those of an object at infinity (heights) and of the vergence in focus (light), see [`crate::lens::depth`]:
 //!
-//!     δ(r) = (h(r, V)/h(r, 0) − 1)·1000/V            at the last node; 0 with paraxial aiming
-//!     G(r, V)/G(r, V_f)                              G of [`crate::design::illumination`], on the object side
+//! ```text
+//! δ(r) = (h(r, V)/h(r, 0) − 1)·1000/V            at the last node; 0 with paraxial aiming
+//! G(r, V)/G(r, V_f)                              G of [`crate::design::illumination`], on the object side
+//! ```
 //! The vergence in focus is a node, if it lies in the range.
 
 use super::nodes::{NodeOptions, Placement, place};

@@ -1,13 +1,15 @@
 //! Lens tables as CSV: how patents and books print lenses.
 //!
-//!     name, A triplet                              settings, before the header row: a name and its values
-//!     f-number, 4.5
-//!     field deg, 0, 14, 20
-//!     wavelengths nm, 486.1, 587.6, 656.3
-//!     surface, radius, thickness, glass, semi-diameter, conic, a4
-//!     1, 22.01359, 3.25896, SK16, 6.5
-//!     stop, inf, 4.75041
-//!     6, -18.3956
+//! ```text
+//! name, A triplet                              settings, before the header row: a name and its values
+//! f-number, 4.5
+//! field deg, 0, 14, 20
+//! wavelengths nm, 486.1, 587.6, 656.3
+//! surface, radius, thickness, glass, semi-diameter, conic, a4
+//! 1, 22.01359, 3.25896, SK16, 6.5
+//! stop, inf, 4.75041
+//! 6, -18.3956
+//! ```
 //!
 //! Settings and columns in any order (modules `settings`, `columns`); separated by commas, semicolons or tabs; numbers of tables with another
 //! separator may have decimal commas. `#` begins a comment. A glass is a name, a glass code, or n and V of the d line; air is empty. A row whose first

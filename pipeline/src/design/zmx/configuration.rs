@@ -1,7 +1,9 @@
 //! The multi-configuration editor of a .zmx file.
 //!
-//!     MNUM <number of configurations> <saved configuration>
-//!     <operand> <surface, wavelength or field number> <configuration> <value> <status> …
+//! ```text
+//! MNUM <number of configurations> <saved configuration>
+//! <operand> <surface, wavelength or field number> <configuration> <value> <status> …
+//! ```
 //! One line for each operand and configuration. The system and the surfaces of the file hold the values of the saved configuration. Applied are
 //! THIC, CRVT, CONN, GLSS, SDIA, STPS, APER, WAVE and YFIE; TEMP and PRES of 20 °C and 1 atm, and MOFF, change nothing;
 //! others are ignored with a note. A value that follows another one (pickup) was saved with the file.

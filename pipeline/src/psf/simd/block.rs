@@ -5,7 +5,9 @@
 //! over F/2/LANES groups of F elements, one element being one column of LANES spectral rows.
 //!
 //! *Right-angle transform along y.* A real signal x of F rows becomes F/2 complex ones:
-//!     z_y = (x_y + i·x_{y+F/2})·ω^y,  ω = exp(iπ/F)    →    Z_k = Σ_y x_y exp(−2πi·y·(2k − 1/2)/F)
+//! ```text
+//! z_y = (x_y + i·x_{y+F/2})·ω^y,  ω = exp(iπ/F)    →    Z_k = Σ_y x_y exp(−2πi·y·(2k − 1/2)/F)
+//! ```
 //! F/2 spectral rows, all treated alike. Products are skew-circular convolutions, equal to linear ones because
 //! F ≥ block + window − 1. Inverse: x_y + i·x_{y+F/2} = z_y·ω̄^y.
 //! Source: Martucci, IEEE Trans. Signal Processing 42 (1994) 1038 (skew-circular convolution).

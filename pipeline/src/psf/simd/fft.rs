@@ -1,10 +1,14 @@
 //! Complex FFTs of any size 2^a·3^b·5^c, one per lane: element i holds sample i of all of them.
 //!
-//!     forward  Z_k = Σ_i z_i exp(−2πi·ik/n),   inverse  z_i = Σ_k Z_k exp(+2πi·ik/n)   (not scaled)
+//! ```text
+//! forward  Z_k = Σ_i z_i exp(−2πi·ik/n),   inverse  z_i = Σ_k Z_k exp(+2πi·ik/n)   (not scaled)
+//! ```
 //! Mixed radix 2, 3, 4, 5, 6, 8. Forward by decimation in frequency (natural order in, digits of k reversed out), inverse by
 //! decimation in time (digits reversed in, natural order out); products of spectra are independent of the order, so it is never
 //! restored. A stage of radix R works on sections of R·m elements, R arms of length m:
-//!     y_q(j) = w^{jq} Σ_p x_p(j) exp(−2πi·pq/R),   w = exp(−2πi/(R·m))
+//! ```text
+//! y_q(j) = w^{jq} Σ_p x_p(j) exp(−2πi·pq/R),   w = exp(−2πi/(R·m))
+//! ```
 //! The last forward stage (m = 1) can multiply by a spectrum and accumulate instead of storing.
 //! Source: Cooley and Tukey, Math. Comp. 19 (1965) 297; radix 6 as 2 × 3 by Good's prime factors (no twiddles).
 #![allow(unsafe_code, reason = "bounds are checked once per stage, not once per element")]

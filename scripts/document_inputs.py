@@ -1,0 +1,155 @@
+"""The files that commands of the documents read: name → maker, and the names that each page needs. They are small."""
+import shutil
+import subprocess
+from pathlib import Path
+
+import h5py
+import numpy as np
+import OpenEXR
+import tifffile
+import xarray
+from PIL import Image
+
+ROOT = Path(__file__).resolve().parent.parent
+DESIGN = ROOT / "pipeline/data/double-gauss-28.zmx"
+NM = np.arange(400.0, 701.0, 10.0)
+PX = 64
+
+
+def cube(bands=len(NM), px=PX):
+    """Axes (y, x, wavelength), values from 0 to 1."""
+    return np.random.default_rng(5).random((px, px, bands), np.float32)
+
+
+def few(bands):
+    """A cube of `bands` bands from 450 nm in steps of 50 nm, as (wavelength, y, x)."""
+    return np.moveaxis(cube(bands), 2, 0), 450 + 50.0 * np.arange(bands)
+
+
+def cube_zarr(path, lenscube):
+    lenscube("chart", "composite", path, "--size", PX, "--wavelengths", "450:650:50", "--pitch-um", 5)
+
+
+def chart_zarr(path, lenscube):
+    """Large enough for a region of interest, with the thirteen units that a plan's example names."""
+    lenscube("chart", "composite", path, "--size", 1000, "--wavelengths", "440:680:20", "--pitch-um", 2)
+
+
+def scene_zarr(path, lenscube):
+    lenscube("chart", "depth-scene", path, "--size", PX, "--wavelengths", "550", "--pitch-um", 2)
+
+
+def scene_side():
+    return PX + 2 * 65  # the overscan of a chart of 64 px: 1 % and 64 px
+
+
+def film_zarr(path, lenscube):
+    lenscube("run", f"gen:composite?size={PX}&wavelengths=450:650:50&pitch_um=5", path, "--lens", "double-gauss-28")
+
+
+def raw(path, lenscube, seed):
+    film = path.parent / f"{path.name}.film.zarr"
+    film_zarr(film, lenscube)
+    lenscube("sensor", film, path, "--sensor", "cmv12000-rgb", "--exposure", "auto", "--seed", seed)
+
+
+def envi(path, _):
+    values, nm = few(3)
+    path.with_suffix(".dat").write_bytes(values.tobytes())
+    path.write_text(f"ENVI\nsamples = {PX}\nlines = {PX}\nbands = 3\ndata type = 4\ninterleave = bsq\nbyte order = 0\nheader offset = 0\n"
+                    f"wavelength units = Nanometers\nwavelength = {{{', '.join(map(str, nm))}}}\n")
+
+
+def matlab(path, _):
+    """MATLAB 7.3: HDF5 with the axes in reverse order and the class of each array."""
+    values, nm = few(3)
+    with h5py.File(path, "w", userblock_size=512) as f:
+        for name, array in (("rad", values.transpose(0, 2, 1).astype("f8")), ("bands", nm)):
+            f.create_dataset(name, data=array).attrs["MATLAB_class"] = np.bytes_("double")
+    with open(path, "r+b") as f:
+        f.write(b"MATLAB 7.3 MAT-file, Platform: GLNXA64".ljust(116) + bytes(8) + b"\x00\x02IM")
+
+
+def cave(path, _):
+    path.mkdir()
+    for k, band in enumerate(np.moveaxis(cube(), 2, 0)):
+        Image.fromarray((band * 65535).astype("u2")).save(path / f"scene_ms_{k + 1:02d}.png")
+
+
+def tiff(path, _):
+    """As GDAL writes it, with a wavelength for each band."""
+    values, nm = few(3)
+    items = "".join(f'<Item name="wavelength" sample="{k}">{v}</Item><Item name="wavelength_units" sample="{k}">nm</Item>' for k, v in enumerate(nm))
+    metadata = (42112, "s", 0, f"<GDALMetadata>{items}</GDALMetadata>", True)
+    tifffile.imwrite(path, (values * 1e4).astype("u2"), photometric="minisblack", planarconfig="separate", extratags=[metadata])
+
+
+def depth_exr(path, _):
+    with OpenEXR.File({"type": OpenEXR.scanlineimage}, {"Z": np.full((scene_side(), scene_side()), 1.05, np.float32)}) as exr:
+        exr.write(str(path))
+
+
+def behind(path, lenscube):
+    """The group of a hidden surface: that of a drawn scene."""
+    scene = path.parent / "behind-scene.zarr"
+    scene_zarr(scene, lenscube)
+    shutil.copytree(scene / "hidden/1", path)
+
+
+def samples(path, _):
+    """Raw samples, u16, of a chart of 31 bands of 512 x 512 px."""
+    with open(path, "wb") as f:
+        f.truncate(31 * 512 * 512 * 2)
+
+
+MAKERS = {
+    "cube.zarr": cube_zarr,
+    "chart.zarr": chart_zarr,
+    "scene.zarr": scene_zarr,
+    "film.zarr": film_zarr,
+    "raw.zarr": lambda path, lenscube: raw(path, lenscube, 1),
+    "lens-a.raw.zarr": lambda path, lenscube: raw(path, lenscube, 1),
+    "lens-b.raw.zarr": lambda path, lenscube: raw(path, lenscube, 2),
+    "cube.npy": lambda path, _: np.save(path, cube()),
+    "cube.hdr": envi,
+    "cube.mat": matlab,
+    "cave": cave,
+    "cube.tif": tiff,
+    "cube.raw": samples,
+    "photo.png": lambda path, _: Image.fromarray(np.random.default_rng(1).integers(0, 256, (PX, PX, 3), np.uint8)).save(path),
+    "depth.npy": lambda path, _: np.save(path, np.full((scene_side(), scene_side()), 1.05, np.float32)),
+    "render.exr": depth_exr,
+    "behind.zarr": behind,
+    "MY.zmx": lambda path, _: shutil.copy(DESIGN, path),
+    "tables": lambda path, _: shutil.copytree(ROOT / "formats/tests/data/tables-example", path),
+}
+
+# What a block of Python is given: a cube in memory, an edge in its middle.
+PYTHON = """
+import lenscube, xarray
+lenscube.chart("slanted-edge", "edge-cube.zarr", size=512, overscan=0, wavelengths=[450, 550, 650], pitch_um=5, overwrite=True)
+cube = xarray.open_zarr("edge-cube.zarr", consolidated=False).chart.load()
+"""
+
+
+# What the commands of a page need before they begin; they make all else themselves.
+PAGES = {
+    "README.md": ["cube.zarr", "cube.npy", "MY.zmx", "chart.zarr", "scene.zarr"],
+    "camera.md": ["chart.zarr", "film.zarr", "lens-a.raw.zarr", "lens-b.raw.zarr"],
+    "charts.md": ["cube.zarr", "cube.hdr", "cube.mat", "cave", "cube.tif", "cube.npy", "cube.raw", "photo.png"],
+    "clusters.md": ["chart.zarr"],
+    "depth.md": ["scene.zarr", "MY.zmx", "render.exr", "depth.npy", "behind.zarr"],
+    "films.md": ["chart.zarr"],
+    "lenses.md": ["MY.zmx", "chart.zarr", "tables"],
+}
+
+
+def make(page, text, place, program, environment):
+    """Makes the inputs of `page`, whose commands are `text`."""
+    def lenscube(*words):
+        subprocess.run([program, *map(str, words), "-q"], cwd=place, env=environment, check=True)
+
+    for name in PAGES.get(page, ()):
+        if name not in text:
+            raise ValueError(f"{page}: no command has the input {name}, listed in scripts/document_inputs.py")
+        MAKERS[name](place / name, lenscube)
