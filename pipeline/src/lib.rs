@@ -4,16 +4,14 @@
 //! Coordinates: film row y down, column x right, pixel centres at integers, X = (x − cx)·pitch and Y = (y − cy)·pitch in mm from the
 //! optical axis, r = hypot(X, Y) the REAL image height in mm, θ = atan2(Y, X) the azimuth in radians.
 //!
-//! ```text
-//! stage                equation (one band of wavelength λ)                                    module
-//! ------------------   -------------------------------------------------------------------   -----------
-//! read                 chart rectangle under a part of a tile, inside the remap stage         flow
-//! remap                remapped(X, Y) = gain · R(r, λ) · chart((X, Y) · h(r, λ)/r)            remap, field, resample
-//! SVPSF                contribution = Σ_nodes (weight_node · remapped) ∗ kernel_node          psf
-//! depth                in place of remap and SVPSF, for surfaces at several distances         depth
-//! overlap-add          shard += contribution, in tile order for each shard                    executor::overlap_add
-//! encode, commit       shards that no later tile reaches                                      executor, flow
-//! ```
+//! | stage | equation (one band of wavelength λ) | module |
+//! |---|---|---|
+//! | read | chart rectangle under a part of a tile, inside the remap stage | [`flow`] |
+//! | remap | remapped(X, Y) = gain · R(r, λ) · chart((X, Y) · h(r, λ)/r) | [`remap`], [`field`], [`resample`] |
+//! | SVPSF | contribution = Σ_nodes (weight_node · remapped) ∗ kernel_node | [`psf`] |
+//! | depth | in place of remap and SVPSF, for surfaces at several distances | [`depth`] |
+//! | overlap-add | shard += contribution, in tile order for each shard | [`executor`] |
+//! | encode, commit | shards that no later tile reaches | [`executor`], [`flow`] |
 //!
 //! gain converts the chart's radiance to the film's unit (1 for a relative film; transmission and solid angle of the lens for an irradiance).
 //! h is the ideal height of the field point whose chief ray lands at real height r, R its relative illumination; both come from the tables
@@ -31,7 +29,8 @@
 //!
 //! After the film: [`sensor`] exposes a camera's sensor to it, [`develop`] makes a picture of the raw.
 //!
-//! Other modules: [`design`] makes the tables and PSFs of a lens from its prescription by ray tracing; [`chart`] draws test charts
+//! Other modules: [`design`] makes the tables and PSFs of a lens from its prescription by ray tracing, in layers (prescription, rays, pupil,
+//! figures, PSF, tables); lens files are read by the package `formats`. [`chart`] draws test charts
 //! ([`colour`], [`reflectance`], [`wavelengths`]); [`measure`] measures edges, points and profiles; [`figures`] summarises a lens;
 //! [`bounds`] has the bounds of all input numbers; [`clock`] counts the time of each stage; [`simd`] selects an instruction set; [`real`] has
 //! functions whose bits do not depend on the host; [`cuda`] opens GPUs and holds their memory; [`mod@bench`] holds the baselines of benchmarks.
