@@ -3,7 +3,7 @@
 
     scripts/make_glasses.py FOLDER     a folder with catalogue.csv, tabulated-fits.csv and equivalents.csv
 
-Left out: rows without a formula that pipeline/src/design/glass.rs has, and aliases that follow from vendor and name.
+Left out: rows without a formula that pipeline/src/design/prescription/glass.rs has, and aliases that follow from vendor and name.
 """
 
 import csv

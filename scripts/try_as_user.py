@@ -25,7 +25,7 @@ from PIL import Image
 warnings.simplefilter("ignore")
 
 LENSCUBE = Path(sys.argv[1]).resolve()
-DESIGN = Path(__file__).resolve().parent.parent / "pipeline/data/double-gauss-28.zmx"
+DESIGN = Path(__file__).resolve().parent.parent / "formats/data/lenses/double-gauss-28.zmx"
 NM = np.arange(450.0, 655.0, 50.0)
 GIVEN = ["--wavelengths", "450:650:50"]
 # A traced lens would take seconds a band; these tables need no tracing.

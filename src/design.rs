@@ -1,35 +1,32 @@
 //! Opens a lens design: a built-in one by name, or a file.
 
-mod format;
-
 use crate::args::{DesignArgs, ImagePlaneArg};
 use crate::failure::usage;
 use anyhow::{Context, Result, bail};
-use format::Design;
+use formats::design::builtin::{self, BuiltinLens};
+use formats::design::{LensFile, LensFileError, ReadOptions, agf, is_lens_file};
 use formats::durable::read_file_at_most;
 use pipeline::design::crossing::crossings;
 use pipeline::design::glass_library::GlassLibrary;
-use pipeline::design::shelf::{self, ShelfLens};
 use pipeline::design::system::{ImagePlane, System};
-use pipeline::design::{ReadOptions, agf};
 use std::path::{Path, PathBuf};
 
 /// Name of the built-in design that examples use.
-pub const BUILTIN: &str = shelf::SAMPLE;
+pub const BUILTIN: &str = builtin::SAMPLE;
 
 /// Names of the built-in designs.
 pub fn builtin_names() -> impl Iterator<Item = &'static str> {
-    shelf::LENSES.iter().map(|lens| lens.name)
+    builtin::LENSES.iter().map(|lens| lens.name)
 }
 
 /// Whether `name` is a built-in design.
 pub fn is_builtin(name: &str) -> bool {
-    ShelfLens::named(name).is_some()
+    BuiltinLens::named(name).is_some()
 }
 
 /// Whether `name` is a design, as opposed to a lens pack.
 pub fn is_design(name: &str) -> bool {
-    is_builtin(name) || format::has_design_extension(Path::new(name))
+    is_builtin(name) || is_lens_file(Path::new(name))
 }
 
 /// Maximum size of a design or glass catalogue; a lens of a thousand surfaces has less than 1 MB.
@@ -107,7 +104,7 @@ fn read_bytes(path: &Path) -> Result<Vec<u8>> {
 
 fn read_design(name: &str, args: &DesignArgs) -> Result<(System, Option<DesignFile>)> {
     let options = ReadOptions { strict: args.strict, configuration: args.configuration };
-    if let Some(lens) = ShelfLens::named(name) {
+    if let Some(lens) = BuiltinLens::named(name) {
         if let Some(n @ 2..) = args.configuration {
             return Err(usage(format!("--configuration {n}: {name} has one configuration")));
         }
@@ -126,7 +123,7 @@ fn read_design(name: &str, args: &DesignArgs) -> Result<(System, Option<DesignFi
     let bytes = read_bytes(path)?;
     let digest = blake3::hash(&bytes);
     let reading = || format!("reading design {}", path.display());
-    let design = Design::new(path, bytes).with_context(reading)?;
+    let design = lens_file(path, bytes).with_context(reading)?;
     let mut notes = Vec::new();
     for member in &design.catalogues {
         let name = Path::new(&member.name).file_stem().unwrap_or_default().to_string_lossy();
@@ -141,9 +138,17 @@ fn read_design(name: &str, args: &DesignArgs) -> Result<(System, Option<DesignFi
     Ok((system, Some(DesignFile { path: path.into(), digest })))
 }
 
+/// The lens file of this name and content; an ending that is not known is a fault of the command line.
+fn lens_file(path: &Path, bytes: Vec<u8>) -> Result<LensFile> {
+    LensFile::new(path, bytes).map_err(|error| match error {
+        LensFileError::Ending { .. } => usage(error.to_string()),
+        other => other.into(),
+    })
+}
+
 /// Glass catalogues beside the design `path` that are read with it; none of a file that is no design.
 pub fn catalogues_of(path: &Path) -> Vec<PathBuf> {
-    let design = read_bytes(path).and_then(|bytes| Design::new(path, bytes));
+    let design = read_bytes(path).and_then(|bytes| lens_file(path, bytes));
     design.map_or(Vec::new(), |design| catalogues_beside(path, &design.catalogue_names()))
 }
 

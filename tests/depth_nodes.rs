@@ -1,11 +1,11 @@
 //! Focus, light and depth nodes of the built-in Double Gauss against an independent float64 model (tests/golden/depth/make_nodes.py).
 
+use formats::design::builtin::BuiltinLens;
 use pipeline::design::System;
 use pipeline::design::depth::nodes::{ESF_TOLERANCE, NodeOptions, Placement, place};
 use pipeline::design::depth::trace::{DepthOptions, band, header, nodes};
 use pipeline::design::illumination::irradiance_sr;
 use pipeline::design::ray::Tracer;
-use pipeline::design::shelf::ShelfLens;
 use pipeline::design::system::{ImagePlane, RayAiming};
 use pipeline::design::trace::{Azimuths, PsfHeights, TraceOptions};
 use pipeline::lens::{LensError, linear};
@@ -20,7 +20,7 @@ fn number(v: &Value, key: &str) -> f64 {
 }
 
 fn double_gauss(focus: f64, aiming: RayAiming) -> System {
-    let mut system = ShelfLens::named("double-gauss-28").unwrap().system();
+    let mut system = BuiltinLens::named("double-gauss-28").unwrap().system();
     system.aiming = aiming;
     let um = system.primary_um();
     system.focused_at(focus, ImagePlane::Paraxial(um), 0.0).unwrap()
@@ -92,7 +92,7 @@ fn nodes_lie_where_the_independent_model_places_them() {
 
 #[test]
 fn range_narrower_than_a_cell_is_placed_whatever_the_rounding_of_its_bounds() {
-    let system = ShelfLens::named("phone").unwrap().system();
+    let system = BuiltinLens::named("phone").unwrap().system();
     let system = system.focused_at(0.25, ImagePlane::Paraxial(system.primary_um()), 0.0).unwrap();
     // 0.05 + 0.1 is above 0.25 - 0.1 by one unit in the last place.
     let range = (0.05, 0.25);
@@ -111,7 +111,7 @@ fn range_narrower_than_a_cell_is_placed_whatever_the_rounding_of_its_bounds() {
 
 #[test]
 fn nodes_of_similar_blur_share_heights_within_their_tolerance() {
-    let system = ShelfLens::named("phone").unwrap().system();
+    let system = BuiltinLens::named("phone").unwrap().system();
     let system = system.focused_at(2.5, ImagePlane::Paraxial(system.primary_um()), 0.0).unwrap();
     let trace = TraceOptions::new(vec![550.0], 2.0);
     let options = DepthOptions { focus: 2.5, range: (2.5, 2.52), tolerance: 0.02 };

@@ -127,7 +127,7 @@ fn commands_on_lenses_and_sensors_print_hostile_names_escaped() {
     place.names(0, &["lens", "diff", &pack, &pack]);
     // A design whose name is hostile.
     let design = place.at("design.zmx");
-    let text_of = include_str!("../pipeline/data/double-gauss-28.zmx");
+    let text_of = include_str!("../formats/data/lenses/double-gauss-28.zmx");
     let named: Vec<String> = text_of
         .lines()
         .map(

@@ -16,14 +16,14 @@ fn acts(character: char) -> bool {
 /// `text` with the characters that `kept` does not accept in the form `\u001b`, which is that of JSON as well: a printed JSON document
 /// remains one.
 fn replaced(text: &str, kept: fn(char) -> bool) -> Cow<'_, str> {
-    let shown = |c: char| !acts(c) || kept(c);
-    if text.chars().all(shown) {
+    let is_kept = |c: char| !acts(c) || kept(c);
+    if text.chars().all(is_kept) {
         return text.into();
     }
     let mut out = String::with_capacity(text.len() + 16);
     for character in text.chars() {
         match character {
-            c if shown(c) => out.push(c),
+            c if is_kept(c) => out.push(c),
             '\n' => out.push_str("\\n"),
             '\t' => out.push_str("\\t"),
             '\r' => out.push_str("\\r"),

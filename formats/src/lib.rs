@@ -5,7 +5,8 @@
 //! | [`mod@chart`] | input: Zarr stores, flat files, OpenEXR, images; writer of chart stores and their layout |
 //! | [`mod@film`] | output: the Zarr store of a film and its attributes |
 //! | [`mod@lens`] | lens packs and their layout |
-//! | [`mod@import`] | lens data of other programs |
+//! | [`mod@design`] | lens files: readers and writers of prescriptions, glass catalogues, the built-in lenses |
+//! | [`mod@import`] | tables and PSFs of lenses from other programs |
 //! | [`mod@export`] | films as OpenEXR, TIFF or flat files |
 //! | [`mod@raw`], [`mod@sensor`] | raws of a sensor; descriptions of sensors |
 //! | [`mod@developed`], [`mod@dng`] | developed raws as PNG, TIFF, OpenEXR; raws as DNG |
@@ -32,6 +33,7 @@
 
 mod bounded;
 pub mod chart;
+pub mod design;
 pub mod developed;
 pub mod dng;
 pub mod durable;

@@ -8,10 +8,11 @@ use lenscube_pipeline::flow::{ChartSource, FilmSink, SourceSinkError};
 use lenscube_pipeline::geometry::{Frame, Rect, Size};
 use lenscube_pipeline::lens::LensError;
 use lenscube_pipeline::plan::{FilmRegion, ShardId};
-use lenscube_pipeline::remap::{ChartInterpolation, Stages};
+use lenscube_pipeline::remap::ChartInterpolation;
 use lenscube_pipeline::resample::{Interp, Surround};
 use lenscube_pipeline::simd::Simd;
 use lenscube_pipeline::stages::StageCompute;
+use lenscube_pipeline::stages::default_stages;
 use std::sync::{Mutex, atomic::AtomicBool};
 
 const SIDE: Size = Size::new(101, 101);
@@ -55,7 +56,7 @@ fn main() -> Result<(), SourceSinkError> {
     let frame = Frame::centred(SIDE, Point.size(), 2.0);
     let (interp, surround, outside) = (Interp::Bicubic, Surround::Black, Outside::Error);
     let options = Options {
-        stages: Stages { ri: true, distortion: true, svpsf: true },
+        stages: default_stages(),
         interpolation: ChartInterpolation { interp, surround, outside },
         azimuths: None,
         psf_window: None,

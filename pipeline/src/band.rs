@@ -68,10 +68,10 @@ impl LensBands {
 /// #     name: "ideal".into(), distortion_focal_length_mm: 50.0, effective_focal_length_mm: 50.0, f_number: 2.8, primary_wavelength_nm: 550.0,
 /// #     object_distance_mm: None, magnification: 0.0, psf_sample: PsfSample::Integrated, bands: vec![band], depth: None,
 /// # };
-/// # use lenscube_pipeline::{field::Outside, remap::{ChartInterpolation, Stages}, resample::{Interp, Surround}, simd::Simd};
+/// # use lenscube_pipeline::{field::Outside, remap::ChartInterpolation, resample::{Interp, Surround}, simd::Simd};
 /// # use lenscube_pipeline::band::{Options, PsfBetween};
 /// # let options = Options {
-/// #     stages: Stages { ri: true, distortion: true, svpsf: true },
+/// #     stages: lenscube_pipeline::stages::default_stages(),
 /// #     interpolation: ChartInterpolation { interp: Interp::Bicubic, surround: Surround::Edge, outside: Outside::Error },
 /// #     azimuths: None, psf_window: None, between: PsfBetween::Error, simd: Simd::detect(),
 /// # };

@@ -4,16 +4,14 @@
 //! Coordinates: film row y down, column x right, pixel centres at integers, X = (x − cx)·pitch and Y = (y − cy)·pitch in mm from the
 //! optical axis, r = hypot(X, Y) the REAL image height in mm, θ = atan2(Y, X) the azimuth in radians.
 //!
-//! ```text
-//! stage                equation (one band of wavelength λ)                                    module
-//! ------------------   -------------------------------------------------------------------   -----------
-//! read                 chart rectangle under a part of a tile, inside the remap stage         flow
-//! remap                remapped(X, Y) = gain · R(r, λ) · chart((X, Y) · h(r, λ)/r)            remap, field, resample
-//! SVPSF                contribution = Σ_nodes (weight_node · remapped) ∗ kernel_node          psf
-//! depth                in place of remap and SVPSF, for surfaces at several distances         depth
-//! overlap-add          shard += contribution, in tile order for each shard                    executor::overlap_add
-//! encode, commit       shards that no later tile reaches                                      executor, flow
-//! ```
+//! | stage | equation (one band of wavelength λ) | module |
+//! |---|---|---|
+//! | read | chart rectangle under a part of a tile, inside the remap stage | [`flow`] |
+//! | remap | remapped(X, Y) = gain · R(r, λ) · chart((X, Y) · h(r, λ)/r) | [`remap`], [`field`], [`resample`] |
+//! | SVPSF | contribution = Σ_nodes (weight_node · remapped) ∗ kernel_node | [`psf`] |
+//! | depth | in place of remap and SVPSF, for surfaces at several distances | [`depth`] |
+//! | overlap-add | shard += contribution, in tile order for each shard | [`executor`] |
+//! | encode, commit | shards that no later tile reaches | [`executor`], [`flow`] |
 //!
 //! gain converts the chart's radiance to the film's unit (1 for a relative film; transmission and solid angle of the lens for an irradiance).
 //! h is the ideal height of the field point whose chief ray lands at real height r, R its relative illumination; both come from the tables
@@ -31,7 +29,8 @@
 //!
 //! After the film: [`sensor`] exposes a camera's sensor to it, [`develop`] makes a picture of the raw.
 //!
-//! Other modules: [`design`] makes the tables and PSFs of a lens from its prescription by ray tracing; [`chart`] draws test charts
+//! Other modules: [`design`] makes the tables and PSFs of a lens from its prescription by ray tracing, in layers (prescription, rays, pupil,
+//! figures, PSF, tables); lens files are read by the package `formats`. [`chart`] draws test charts
 //! ([`colour`], [`reflectance`], [`wavelengths`]); [`measure`] measures edges, points and profiles; [`figures`] summarises a lens;
 //! [`bounds`] has the bounds of all input numbers; [`clock`] counts the time of each stage; [`simd`] selects an instruction set; [`real`] has
 //! functions whose bits do not depend on the host; [`cuda`] opens GPUs and holds their memory; [`mod@bench`] holds the baselines of benchmarks.
@@ -40,14 +39,13 @@
 //!
 //! A stage between remap and overlap-add, such as veiling glare:
 //!
-//! - its own module with the equation at the head, and a switch in `remap::Stages`;
-//! - [`band`]: `BandStages`, `BandPlan::stages`; [`mod@plan`] and `psf/blocks.rs` if it enlarges the tile; `stages.rs`: `StageCompute::compute`, its
-//!   buffers and their memory; `clock.rs`: its time;
-//! - GPU: a `.cu` file beside the module (`scripts/ptx` compiles it to `pipeline/ptx`), `stages/cuda/band.rs`, `cuda/memory.rs`,
+//! - its own module with the equation at the head;
+//! - a variant of [`stage::Stage`] and its row in `stages/description.rs`: name and help of the switch, identity, engines, reach, memory, cost;
+//!   `--stages`, `status`, the memory plan and forecasts are made from the row;
+//! - [`band`]: `BandStages`, what [`stages`] computes of a tile, and `clock::Phase` if its time is counted by itself;
+//! - if GPUs have it: a `.cu` file beside the module (`scripts/ptx` compiles it to `pipeline/ptx`), `stages/cuda/band.rs`,
 //!   `tests/emulated_cuda/modules.cpp`;
-//! - command: `src/args/run.rs` (`Stage`), `src/job/` (`arguments.rs`, `identity.rs` with a new `NUMERIC_VERSION`, `notes.rs`, `memory.rs`, `cost.rs`),
-//!   `src/progress.rs`, and in `src/commands/` `status/text.rs`, `run/record.rs`, `bench/`, `validate/`;
-//! - tests: `tests/oracle/` and `tests/flow.rs` of this package, `tests/golden/make_golden.py`.
+//! - tests: `tests/oracle/` of this package, `tests/golden/make_golden.py`.
 //!
 //! Chart formats and codecs: head of the package `formats`.
 //!

@@ -23,13 +23,13 @@ pub enum PsfBetween {
 /// ```
 /// use lenscube_pipeline::band::{Options, PsfBetween};
 /// use lenscube_pipeline::field::Outside;
-/// use lenscube_pipeline::remap::{ChartInterpolation, Stages};
+/// use lenscube_pipeline::remap::ChartInterpolation;
 /// use lenscube_pipeline::resample::{Interp, Surround};
 /// use lenscube_pipeline::simd::Simd;
 ///
 /// // Those of `lenscube run` without flags.
 /// let options = Options {
-///     stages: Stages { ri: true, distortion: true, svpsf: true },
+///     stages: lenscube_pipeline::stages::default_stages(),
 ///     interpolation: ChartInterpolation { interp: Interp::Bicubic, surround: Surround::Edge, outside: Outside::Error },
 ///     azimuths: None,
 ///     psf_window: None,

@@ -64,13 +64,14 @@ pub fn primaries(bands_nm: &[f64], light: Illuminant) -> Result<Vec<[f64; 3]>, R
     order.sort_by(|&a, &b| bands_nm[a].total_cmp(&bands_nm[b]));
     let power = |nm: f64| light.relative_power(nm) / 100.0;
     let weights = colour::srgb_weights(bands_nm, power);
-    let shown: Vec<[f64; 3]> = order.iter().map(|&b| weights[b].map(|w| w * power(bands_nm[b]))).collect();
+    let band_colours: Vec<[f64; 3]> =
+        order.iter().map(|&b| weights[b].map(|w| w * power(bands_nm[b]))).collect();
     let sorted: Vec<f64> = order.iter().map(|&b| bands_nm[b]).collect();
-    let found = solve(&sorted, &shown);
+    let found = solve(&sorted, &band_colours);
     let names = ["red", "green", "blue"];
     for (k, corner) in names.into_iter().enumerate() {
         let off = (0..3).map(|c| {
-            let seen: f64 = std::iter::zip(&found, &shown).map(|(rho, w)| rho[k] * w[c]).sum();
+            let seen: f64 = std::iter::zip(&found, &band_colours).map(|(rho, w)| rho[k] * w[c]).sum();
             (seen - f64::from(u8::from(c == k))).abs()
         });
         let off = off.fold(0.0, f64::max);
@@ -85,11 +86,12 @@ pub fn primaries(bands_nm: &[f64], light: Illuminant) -> Result<Vec<[f64; 3]>, R
 }
 
 /// Solves the programme in x = (ρ_R, ρ_G), ρ_B = 1 − ρ_R − ρ_G: minimum xᵀPx subject to the colours of ρ_R and ρ_G and the bounds of all three.
-fn solve(nm: &[f64], shown: &[[f64; 3]]) -> Vec<[f64; 3]> {
+fn solve(nm: &[f64], band_colours: &[[f64; 3]]) -> Vec<[f64; 3]> {
     let n = nm.len();
     // Rows of the colour conditions, normalised to length 1, so that one step size fits all.
-    let length: [f64; 3] = std::array::from_fn(|c| shown.iter().map(|w| w[c] * w[c]).sum::<f64>().sqrt());
-    let row = |c: usize, i: usize| if length[c] > 0.0 { shown[i][c] / length[c] } else { 0.0 };
+    let length: [f64; 3] =
+        std::array::from_fn(|c| band_colours.iter().map(|w| w[c] * w[c]).sum::<f64>().sqrt());
+    let row = |c: usize, i: usize| if length[c] > 0.0 { band_colours[i][c] / length[c] } else { 0.0 };
     let target = |part: usize, c: usize| if part == c && length[c] > 0.0 { 1.0 / length[c] } else { 0.0 };
     let mut k = vec![0.0; 4 * n * n];
     let mut add = |i: usize, j: usize, v: f64| k[i * 2 * n + j] += v;

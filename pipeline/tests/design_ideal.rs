@@ -1,39 +1,15 @@
 //! Ideal thin lenses and telecentric object spaces compared with their closed forms.
 
-mod chain;
 mod design_cases;
 
-use chain::assert_survives_all_formats;
-use design_cases::system;
-use lenscube_pipeline::design::glass_library::GlassLibrary;
+use design_cases::{flat, ideal, relay, system};
 use lenscube_pipeline::design::illumination::{irradiance_sr, numerical_aperture};
 use lenscube_pipeline::design::paraxial::Paraxial;
 use lenscube_pipeline::design::ray::{ImageRay, Tracer};
 use lenscube_pipeline::design::spots::spot;
-use lenscube_pipeline::design::system::{Aperture, FieldKind, Medium, RayAiming, Surface};
+use lenscube_pipeline::design::system::{Aperture, FieldKind, RayAiming};
 use lenscube_pipeline::design::trace::{LensTrace, TraceOptions};
-use lenscube_pipeline::design::{DesignError, ReadOptions, System, describe, zmx};
-
-fn flat(gap: f64) -> Surface {
-    Surface::new(0.0, gap, Medium::Air)
-}
-
-fn ideal(focal_mm: f64, gap: f64) -> Surface {
-    Surface { ideal_focal_mm: Some(focal_mm), ..flat(gap) }
-}
-
-/// An object at 100 mm, ideal lenses of 100 and 50 mm with the stop in the focus of both: magnification −1/2.
-fn relay(na: f64) -> System {
-    let surfaces = vec![ideal(100.0, 100.0), flat(50.0), ideal(50.0, 50.0), flat(0.0)];
-    System {
-        object_distance_mm: Some(100.0),
-        is_telecentric: true,
-        aperture: Aperture::ObjectNa(na),
-        field_kind: FieldKind::ObjectHeight,
-        fields: vec![0.0, 8.0],
-        ..system(surfaces, 1, 1.0)
-    }
-}
+use lenscube_pipeline::design::{DesignError, System, describe};
 
 /// The rays of the field point at `tan` over the pupil; all in one point, after the same path.
 fn assert_perfect(system: &System, tan: f64, height_mm: f64) {
@@ -152,22 +128,4 @@ fn impossible_telecentric_systems_and_ideal_lenses_are_errors() {
         assert!(error.contains(problem), "{error}");
     }
     assert!(good.at_vergence(1.0).unwrap_err().to_string().contains("telecentric"));
-}
-
-#[test]
-fn ideal_lenses_and_telecentric_objects_are_read_and_survive_all_formats() {
-    let text = "MODE SEQ\nUNIT CM X W X CM MR CPMM\nOBNA 0.1 0\nRAIM 0 2\nFTYP 1 1 2 1\nYFLN 0 0.8\nWAVM 1 0.55 1\nPWAV 1\n\
-                SURF 0\n TYPE STANDARD\n DISZ 10\nSURF 1\n TYPE PARAXIAL\n PARM 1 10\n PARM 2 1\n DISZ 10\n\
-                SURF 2\n STOP\n TYPE STANDARD\n DISZ 5\nSURF 3\n TYPE PARAXIAL\n PARM 1 5\n DISZ 5\nSURF 4\n TYPE STANDARD\n DISZ 0\n";
-    let read = zmx::parse(text.as_bytes(), &GlassLibrary::new(), &ReadOptions::default()).unwrap();
-    let expected = System { notes: read.notes.clone(), ..relay(0.1) };
-    assert_eq!(read, expected);
-    assert!(read.notes.iter().any(|n| n.contains("telecentric")), "{:?}", read.notes);
-    // The relay is afocal: its focal length is not compared.
-    let mut lens = read.clone();
-    lens.surfaces[2].ideal_focal_mm = Some(60.0);
-    assert_survives_all_formats("relay", &lens);
-    let without = text.replace(" PARM 1 10\n", "");
-    let error = zmx::parse(without.as_bytes(), &GlassLibrary::new(), &ReadOptions::default()).unwrap_err();
-    assert!(error.to_string().contains("PARM 1"), "{error}");
 }

@@ -11,8 +11,8 @@ use lenscube_pipeline::design::paraxial::Paraxial;
 use lenscube_pipeline::design::psf::{PsfGrid, PsfScratch, PupilFunction};
 use lenscube_pipeline::design::pupil::Pupil;
 use lenscube_pipeline::design::ray::Tracer;
+use lenscube_pipeline::design::shape::Shape;
 use lenscube_pipeline::design::spots::spot;
-use lenscube_pipeline::design::surface::Shape;
 use lenscube_pipeline::design::system::{ImagePlane, Medium, RayAiming, Surface};
 use lenscube_pipeline::design::{DesignError, System, describe};
 

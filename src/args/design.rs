@@ -3,12 +3,23 @@
 use super::choices::{AIMING, one_of};
 use super::values::bounded;
 use clap::{Args, ValueEnum};
+use formats::design::endings_read;
 use pipeline::bounds;
 use pipeline::design::system::RayAiming;
+use std::fmt::{self, Display, Formatter};
 use std::path::PathBuf;
 
-/// Extensions of design files, for help and messages.
-pub const DESIGN_FILES: &str = ".zmx, .seq, .len, .csv, .zar, .json";
+/// Endings of design files, for help and messages.
+pub const DESIGN_FILES: DesignFiles = DesignFiles;
+
+/// Displays [`DESIGN_FILES`].
+pub struct DesignFiles;
+
+impl Display for DesignFiles {
+    fn fmt(&self, f: &mut Formatter<'_>) -> fmt::Result {
+        f.write_str(&endings_read())
+    }
+}
 
 /// Parameters of a design: film plane, conjugate, aiming and glasses.
 #[derive(Clone, Debug, Default, PartialEq, Args)]

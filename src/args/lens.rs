@@ -6,6 +6,7 @@ use super::design::{DESIGN_FILES, Depths, DesignArgs, depths, focus_m};
 use super::import::ImportArgs;
 use super::values::{bounded, pitch, positive};
 use clap::{Args, Subcommand, ValueEnum};
+use formats::design::{endings_written, names_read, names_written};
 use formats::picture::style::Style;
 use pipeline::bounds;
 use std::path::PathBuf;
@@ -34,8 +35,8 @@ pub enum LensCommand {
     Camera(Box<CameraArgs>),
     /// List the built-in lenses with their sources
     List(ListArgs),
-    /// Write a design in another format: .zmx, .csv (lens table) or .json (Optiland)
     #[command(
+        about = format!("Write a design in another format: {}", names_written()),
         after_help = "Examples:\n  lenscube lens convert patent.csv patent.zmx\n  lenscube lens convert my.zar my.json\n\
 Glasses that are not built in are written into a catalogue OUT.agf beside a .zmx or .csv. What a format cannot hold is an error or a note."
     )]
@@ -47,7 +48,7 @@ Glasses that are not built in are written into a catalogue OUT.agf beside a .zmx
 /// `lenscube lens list`
 #[derive(Debug, Args)]
 #[command(
-    after_help = "Example:\n  lenscube lens list --json | jq -r '.designs[].name'\n  lenscube lens list --plot shelf"
+    after_help = "Example:\n  lenscube lens list --json | jq -r '.designs[].name'\n  lenscube lens list --plot pictures"
 )]
 pub struct ListArgs {
     /// Print JSON
@@ -67,8 +68,8 @@ pub struct ConvertArgs {
     /// Design file, or name of a built-in design
     #[arg(value_name = "DESIGN")]
     pub design: String,
-    /// File to write: .zmx, .csv or .json
-    #[arg(value_name = "OUT")]
+    /// File to write.
+    #[arg(value_name = "OUT", help = format!("File to write: {}", endings_written()))]
     pub out: PathBuf,
     /// Replace existing files
     #[arg(long)]
@@ -80,10 +81,10 @@ pub struct ConvertArgs {
 
 /// `lenscube lens show`
 #[derive(Debug, Args)]
-#[command(after_help = "Examples:\n  lenscube lens show double-gauss-28 --plot pictures\n  \
+#[command(after_help = format!("Examples:\n  lenscube lens show double-gauss-28 --plot pictures\n  \
 lenscube lens show my.lens.zarr --all-bands\n  lenscube lens show my.zmx --wavelengths 450:650:50 --json\n\
-A design (.zmx, CODE V .seq, OSLO .len, lens table .csv, .zar archive, Optiland .json, or a built-in name) is traced; of a pack the tables are shown. `run` traces double-gauss-28 at the \
-wavelengths of the chart; the built-in pack double-gauss-28-npz has tables of the same lens made with other software.")]
+A design ({}, or a built-in name) is traced; of a pack the tables are shown. `run` traces double-gauss-28 at the \
+wavelengths of the chart; the built-in pack double-gauss-28-npz has tables of the same lens made with other software.", names_read()))]
 pub struct ShowArgs {
     /// Lens pack, design file, or name of a built-in lens
     #[arg(value_name = "PACK|DESIGN", help = format!("Lens pack (directory or .zip, also at a URL), design file ({DESIGN_FILES}), or name of a built-in lens"))]

@@ -173,18 +173,18 @@ fn show_design_prints_system_data_and_writes_plots() {
 #[test]
 fn list_draws_every_built_in_lens() {
     let dir = tempfile::tempdir().unwrap();
-    let shelf = dir.path().join("shelf");
-    let listed = json(lenscube(&["lens", "list", "--json", "--plot", text(&shelf)]));
+    let pictures = dir.path().join("pictures");
+    let listed = json(lenscube(&["lens", "list", "--json", "--plot", text(&pictures)]));
     let names: Vec<&str> =
         listed["designs"].as_array().unwrap().iter().filter_map(|d| d["name"].as_str()).collect();
     assert!(names.len() >= 14, "{names:?}");
     for name in &names {
-        let svg = fs::read_to_string(shelf.join(format!("{name}.svg"))).unwrap();
+        let svg = fs::read_to_string(pictures.join(format!("{name}.svg"))).unwrap();
         assert!(svg.contains("z from the first surface (mm)"), "{name}");
-        assert!(fs::read(shelf.join(format!("{name}.png"))).unwrap().starts_with(b"\x89PNG"), "{name}");
+        assert!(fs::read(pictures.join(format!("{name}.png"))).unwrap().starts_with(b"\x89PNG"), "{name}");
     }
-    assert_eq!(fs::read_dir(&shelf).unwrap().count(), 2 * names.len());
-    assert_exit(&lenscube(&["lens", "list", "--plot", text(&shelf)]), OTHER_JOB, &["already exists"]);
+    assert_eq!(fs::read_dir(&pictures).unwrap().count(), 2 * names.len());
+    assert_exit(&lenscube(&["lens", "list", "--plot", text(&pictures)]), OTHER_JOB, &["already exists"]);
 }
 
 #[test]

@@ -26,7 +26,11 @@ fn converted_designs_are_converted_back_to_the_same_file() {
     assert_exit(&convert("phone", &taken), OTHER_JOB, &["phone-1.zmx", "exists", "--overwrite"]);
     lenscube(&["lens", "convert", "telephoto", text(&taken), "--overwrite"]).ok();
     assert_ne!(fs::read(&taken).unwrap(), fs::read(at(&dir, "phone-4.zmx")).unwrap());
-    assert_exit(&convert("phone", &at(&dir, "phone.len")), USAGE, &["phone.len", ".zmx, .csv or .json"]);
+    assert_exit(
+        &convert("phone", &at(&dir, "phone.len")),
+        USAGE,
+        &["phone.len", "expected a file ending with .zmx, .csv", ".json"],
+    );
 }
 
 #[test]

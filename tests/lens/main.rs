@@ -17,7 +17,7 @@ use std::process::Command;
 const FAILED: i32 = 1;
 const USAGE: i32 = 2;
 const OTHER_JOB: i32 = 3;
-const DESIGN: &str = include_str!("../../pipeline/data/double-gauss-28.zmx");
+const DESIGN: &str = include_str!("../../formats/data/lenses/double-gauss-28.zmx");
 
 /// `lens trace DESIGN OUT` of two bands and three heights to 3 mm: a second of work.
 fn trace(design: &str, out: &Path, flags: &[&str]) -> CommandResult {

@@ -234,7 +234,7 @@ fn job_of_the_paper_has_31_units_and_more_with_unit_rows() {
 fn design_gives_the_same_film_from_shared_cache_separate_cache_or_lens_pack() {
     let dir = tempfile::tempdir().unwrap();
     let at = |name: &str| dir.path().join(name);
-    fs::write(at("my.zmx"), include_str!("../../pipeline/data/double-gauss-28.zmx")).unwrap();
+    fs::write(at("my.zmx"), include_str!("../../formats/data/lenses/double-gauss-28.zmx")).unwrap();
     common::Picture::noise(3, Size::new(48, 40), 2).write(&at("chart"));
     let with = |cache: &str, words: &[&str]| {
         let mut command = Command::new(env!("CARGO_BIN_EXE_lenscube"));
@@ -269,7 +269,7 @@ fn design_gives_the_same_film_from_shared_cache_separate_cache_or_lens_pack() {
     let pixels = |film: &str| common::bits(&common::pixels(&at(film), "film").1);
     assert!(pixels("packed") == pixels("whole"));
     // Another design of the same name.
-    let design = include_str!("../../pipeline/data/double-gauss-28.zmx").replacen(
+    let design = include_str!("../../formats/data/lenses/double-gauss-28.zmx").replacen(
         "8.746657850000",
         "8.756657850000",
         1,

@@ -114,7 +114,7 @@ fn plan_with_invalid_output_leaves_the_film_unchanged() {
 fn lens_pack_path_inside_another_output_exits_2() {
     let job = TestJob::small();
     let design = job.at("design.zmx");
-    fs::write(&design, include_str!("../../pipeline/data/double-gauss-28.zmx")).unwrap();
+    fs::write(&design, include_str!("../../formats/data/lenses/double-gauss-28.zmx")).unwrap();
     let of = |pack: &Path| {
         let mut command = Command::new(env!("CARGO_BIN_EXE_lenscube"));
         command.args(["plan", text(&job.chart), text(&job.film), "--lens", text(&design)]);

@@ -192,9 +192,9 @@ fn values_of_set(all: &[Opened]) -> Result<Values, ChartError> {
         if k == 0 {
             set.no_data.clone_from(&values.no_data);
         } else if values.no_data != set.no_data {
-            let shown = |v: &Values| v.no_data.first().map_or("none".to_owned(), f64::to_string);
-            let expected = format!("{}, as in {}", shown(&set), name_of(&all[0].file.path));
-            return Err(header_error(path, NO_DATA, expected, shown(&values)));
+            let first_of = |v: &Values| v.no_data.first().map_or("none".to_owned(), f64::to_string);
+            let expected = format!("{}, as in {}", first_of(&set), name_of(&all[0].file.path));
+            return Err(header_error(path, NO_DATA, expected, first_of(&values)));
         }
         scaling.push(values.scaling.first().copied().unwrap_or((1.0, 0.0)));
     }

@@ -72,12 +72,12 @@ mod tests {
 
     #[test]
     fn three_bands_are_shown_if_there_are_three() {
-        let shown =
+        let coloured =
             |nm: &[f64]| -> Vec<usize> { (0..nm.len()).filter(|&b| colours(nm)[b].is_some()).collect() };
         let all: Vec<f64> = (0..31).map(|b| 400.0 + 10.0 * f64::from(b)).collect();
-        assert_eq!(shown(&all), [6, 15, 21]);
-        assert_eq!(shown(&[450.0, 550.0, 650.0]), [0, 1, 2]);
-        assert_eq!(shown(&[900.0, 800.0]), [1]);
-        assert_eq!(shown(&[550.0]), [0]);
+        assert_eq!(coloured(&all), [6, 15, 21]);
+        assert_eq!(coloured(&[450.0, 550.0, 650.0]), [0, 1, 2]);
+        assert_eq!(coloured(&[900.0, 800.0]), [1]);
+        assert_eq!(coloured(&[550.0]), [0]);
     }
 }

@@ -1,7 +1,7 @@
 //! Text files of design programs: Latin-1, UTF-8 or UTF-16, decimal point or comma, names in any case.
 
 use super::{ImportError, MAX_ARRAY_BYTES, MAX_TEXT_BYTES};
-use pipeline::design::text::decode;
+use crate::design::text::decode;
 use std::fs::File;
 use std::io::Read;
 use std::path::{Path, PathBuf};

@@ -188,11 +188,11 @@ impl Figure {
     pub fn text(&mut self, label: Text<'_>) {
         // As written to XML, where line ends are spaces: the measured width is that of the text shown.
         let cleaned: String = label.text.chars().map(|c| if c.is_whitespace() { ' ' } else { c }).collect();
-        let shown = text::fit(&cleaned, label.size, label.max_width);
-        if shown.trim().is_empty() {
+        let fitted = text::fit(&cleaned, label.size, label.max_width);
+        if fitted.trim().is_empty() {
             return;
         }
-        let width = text::width(&shown, label.size);
+        let width = text::width(&fitted, label.size);
         let back = match label.anchor {
             Anchor::Start => 0.0,
             Anchor::Middle => width / 2.0,
@@ -201,9 +201,9 @@ impl Figure {
         let down = CAP_HEIGHT * label.size / 2.0;
         let (x, y) = label.at;
         let start = if label.upwards { (x + down, y + back) } else { (x - back, y + down) };
-        let tooltip = (shown != cleaned).then_some(cleaned);
+        let tooltip = (fitted != cleaned).then_some(cleaned);
         let (size, upwards) = (label.size, label.upwards);
-        self.elements.push(Element::Text { start, size, upwards, text: shown, tooltip });
+        self.elements.push(Element::Text { start, size, upwards, text: fitted, tooltip });
     }
 
     /// The SVG document with the embedded font.

@@ -150,8 +150,8 @@ fn grey_is_neutral_in_the_light_that_is_white() {
             exposure: Exposure::Factor(1.0),
             view: view(2048, 2),
         };
-        let (image, shown) = preview(&chart, &bands(), &options, &|_, _| ()).unwrap();
-        assert_eq!((shown.missing_samples, shown.missing_pixels), (0, 0));
+        let (image, found) = preview(&chart, &bands(), &options, &|_, _| ()).unwrap();
+        assert_eq!((found.missing_samples, found.missing_pixels), (0, 0));
         assert_eq!((image.pixel(3, 0), image.pixel(0, 29)), ([0; 3], [255; 3]));
         for p in image.pixels() {
             assert!(p.iter().max().unwrap() - p.iter().min().unwrap() <= 1, "{light:?} {p:?}");
@@ -209,8 +209,8 @@ fn missing_samples_show_as_chequer_and_leave_other_pixels_unchanged() {
         }
     }
     let options = PreviewOptions { view: view(32, 2), exposure: Exposure::Factor(1.0), ..Default::default() };
-    let (image, shown) = preview(&chart, &bands(), &options, &|_, _| ()).unwrap();
-    assert_eq!((shown.missing_samples, shown.missing_pixels), (32 * 32 + 32, 16 * 16));
+    let (image, found) = preview(&chart, &bands(), &options, &|_, _| ()).unwrap();
+    assert_eq!((found.missing_samples, found.missing_pixels), (32 * 32 + 32, 16 * 16));
     assert_eq!((image.pixel(0, 0), image.pixel(0, 8)), ([102; 3], [153; 3]));
     assert!(image.pixel(20, 0).iter().chain(&image.pixel(31, 31)).all(|v| v.abs_diff(188) <= 1));
 }
@@ -222,11 +222,11 @@ fn previews_of_tiny_black_negative_or_missing_charts_are_written() {
         for value in [0.0, 1.0, -1.0, f32::NAN] {
             let chart = Stack::new(size, 2, |_, _, _| value);
             let path = folder.path().join("p.png");
-            let shown = write_preview(&path, &chart, &[500.0, 600.0], &PreviewOptions::default(), &|_, _| ())
+            let found = write_preview(&path, &chart, &[500.0, 600.0], &PreviewOptions::default(), &|_, _| ())
                 .unwrap();
             let info = open(&path).0;
-            assert_eq!((info.width as usize, info.height as usize), (shown.size.width, shown.size.height));
-            assert!(info.srgb.is_some() && shown.exposure.is_finite());
+            assert_eq!((info.width as usize, info.height as usize), (found.size.width, found.size.height));
+            assert!(info.srgb.is_some() && found.exposure.is_finite());
         }
     }
 }
@@ -261,7 +261,7 @@ fn grey_png_decodes_to_its_values_and_progress_ends_at_the_total() {
         reported.lock().unwrap().clear();
         let options = GreyOptions { view, exposure };
         let progress = |done, total| reported.lock().unwrap().push((done, total));
-        let shown = write_grey(&path, &chart, &nm, 550.3, &options, ColourFile::Png, &progress).unwrap();
+        let found = write_grey(&path, &chart, &nm, 550.3, &options, ColourFile::Png, &progress).unwrap();
         let (info, bytes) = open(&path);
         assert_eq!((info.bit_depth, info.color_type), (png::BitDepth::Sixteen, png::ColorType::Grayscale));
         assert_eq!(info.gama_chunk, Some(png::ScaledFloat::new(1.0)));
@@ -269,7 +269,7 @@ fn grey_png_decodes_to_its_values_and_progress_ends_at_the_total() {
         assert_eq!(bytes.len(), 2 * chart.bands[1].len());
         for (i, (sample, &v)) in bytes.chunks(2).zip(&chart.bands[1]).enumerate().skip(1) {
             let sample = f64::from(u16::from_be_bytes([sample[0], sample[1]]));
-            let expected = (f64::from(v) * shown.exposure).clamp(0.0, 1.0) * 65535.0;
+            let expected = (f64::from(v) * found.exposure).clamp(0.0, 1.0) * 65535.0;
             assert!((sample - expected).abs() <= 0.5, "{i}: {sample} {expected}");
         }
         let tif = folder.path().join("g.tif");
@@ -278,7 +278,7 @@ fn grey_png_decodes_to_its_values_and_progress_ends_at_the_total() {
         let tiff::decoder::DecodingResult::U16(samples) = decoder.read_image().unwrap() else { panic!() };
         let of_png: Vec<u16> = bytes.chunks(2).map(|b| u16::from_be_bytes([b[0], b[1]])).collect();
         assert!(samples == of_png, "the TIFF has other samples than the PNG");
-        assert_eq!((shown.missing_samples, shown.missing_pixels), (1, 1));
+        assert_eq!((found.missing_samples, found.missing_pixels), (1, 1));
         let reported = reported.lock().unwrap();
         let complete = reported.last().is_some_and(|(done, total)| done == total);
         assert!(reported.is_sorted() && complete, "{reported:?}");
@@ -326,12 +326,12 @@ fn streamed_picture_equals_the_picture_made_in_memory() {
         let options = PreviewOptions { view, exposure, ..PreviewOptions::default() };
         let (image, summary) = preview(&chart, &bands(), &options, &|_, _| ()).unwrap();
         let (png, tif) = (folder.path().join("s.png"), folder.path().join("s.tif"));
-        let shown = write_streamed(&png, &chart, &bands(), &options, ColourFile::Png, &|_, _| ()).unwrap();
-        assert_eq!(shown, summary);
+        let found = write_streamed(&png, &chart, &bands(), &options, ColourFile::Png, &|_, _| ()).unwrap();
+        assert_eq!(found, summary);
         assert!(open(&png).1 == image.pixels().concat());
         write_streamed(&tif, &chart, &bands(), &options, ColourFile::Tiff, &|_, _| ()).unwrap();
         let mut decoder = tiff::decoder::Decoder::new(std::fs::File::open(&tif).unwrap()).unwrap();
-        let (w, h) = (shown.size.width as u32, shown.size.height as u32);
+        let (w, h) = (found.size.width as u32, found.size.height as u32);
         assert_eq!(decoder.dimensions().unwrap(), (w, h));
         let tiff::decoder::DecodingResult::U16(samples) = decoder.read_image().unwrap() else { panic!() };
         let coarse = open(&png).1;

@@ -2,11 +2,11 @@
 
 use crate::fuzz_support::{Random, damage, damage_text, fuzz};
 use crate::{data, directory};
+use lenscube_formats::design::text::decode;
 use lenscube_formats::import::window::{EvenWindow, Outward};
 use lenscube_formats::import::{
     self, Format, ImportOptions, distortion_listing, illumination_listing, isetparms, npy, npz, psf_listing,
 };
-use pipeline::design::text::decode;
 use pipeline::lens::PsfSample;
 use std::fs;
 use std::path::{Path, PathBuf};

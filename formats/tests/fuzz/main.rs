@@ -1,4 +1,4 @@
-//! Fuzz targets of this crate: charts (metadata, chunks, flat files, OpenEXR), lens packs, importers, pictures. Harness: `tests/fuzz_support`.
+//! Fuzz targets of this crate: charts (metadata, chunks, flat files, OpenEXR), lens packs, lens files, importers, pictures. Harness: `tests/fuzz_support`.
 
 #[path = "../../../tests/fuzz_support/mod.rs"]
 mod fuzz_support;
@@ -6,6 +6,7 @@ mod fuzz_support;
 mod chart;
 mod chunks;
 mod codecs;
+mod designs;
 mod hdf5;
 mod importers;
 mod json;

@@ -4,9 +4,9 @@
 use crate::fuzz_support::extreme::{integer, magnitude, name, text, wavelengths_nm};
 use crate::fuzz_support::{Random, damage, fuzz};
 use crate::{data, directory, json};
+use lenscube_formats::design::builtin::BuiltinLens;
 use lenscube_formats::import::{self, ImportOptions};
 use lenscube_formats::lens::{LensPack, LensPackWriter, PackAttributes, summary};
-use pipeline::design::shelf::ShelfLens;
 use pipeline::design::trace::{Azimuths, PsfHeights, TraceOptions, TracedBand, trace_lens};
 use serde_json::json;
 use std::io::{Cursor, Read, Write};
@@ -53,7 +53,7 @@ fn seeds() -> Vec<Vec<u8>> {
 
 /// Writes a traced band with pupil functions, and returns it.
 fn write_pupils(path: &Path) -> TracedBand {
-    let system = ShelfLens::named("wide-100").unwrap().system();
+    let system = BuiltinLens::named("wide-100").unwrap().system();
     let options = TraceOptions {
         field_points: 11,
         heights: PsfHeights::Given(vec![0.0, 4.0]),

@@ -1,11 +1,11 @@
 //! The real export of 2005, and names and layouts of other macros derived from it.
 
 use crate::*;
+use lenscube_formats::design::text::decode;
 use lenscube_formats::import::distortion_listing::grid;
 use lenscube_formats::import::isetparms::Parameters;
 use lenscube_formats::import::psf_listing;
 use lenscube_formats::import::window::{Outward, RowOrder};
-use pipeline::design::text::decode;
 use pipeline::lens::PsfSample;
 
 #[test]

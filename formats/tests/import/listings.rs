@@ -13,7 +13,8 @@ Pupil grid size: 128 by 128\nImage grid size: 4 by 4\nCenter point is: row 3, co
 fn decimal_commas_and_labelled_centre_are_read() {
     let text = format!("{FFT_HEAD}{}", "0,1 0,2 0,3 4,0E-01\n".repeat(4));
     for bytes in [utf16(&text), text.clone().into_bytes(), text.chars().map(|c| c as u8).collect()] {
-        let l = psf_listing::parse(Path::new("fft"), &pipeline::design::text::decode(&bytes)).unwrap();
+        let l =
+            psf_listing::parse(Path::new("fft"), &lenscube_formats::design::text::decode(&bytes)).unwrap();
         assert!((l.wavelength_nm - 543.0).abs() < 1e-9, "{}", l.wavelength_nm);
         assert_eq!((l.pitch_um, l.window.centre), (1.213, Some((2, 1))));
         assert_eq!((l.chief_ray_mm, l.field_deg), (Some((3.52988, 7.28631)), Some((10.0, 20.0))));

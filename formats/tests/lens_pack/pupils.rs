@@ -1,8 +1,8 @@
 //! Packs with pupil functions in place of PSFs.
 
 use crate::*;
+use lenscube_formats::design::builtin::BuiltinLens;
 use lenscube_formats::lens::PUPIL_SCHEMA;
-use pipeline::design::shelf::ShelfLens;
 use pipeline::design::trace::{Azimuths, PsfHeights, TraceOptions, TracedBand, trace_lens};
 use std::fs;
 use std::sync::OnceLock;
@@ -11,7 +11,7 @@ use std::sync::OnceLock;
 fn traced() -> &'static (Lens, Vec<TracedBand>) {
     static TRACED: OnceLock<(Lens, Vec<TracedBand>)> = OnceLock::new();
     TRACED.get_or_init(|| {
-        let system = ShelfLens::named("macro-70").unwrap().system();
+        let system = BuiltinLens::named("macro-70").unwrap().system();
         let options = TraceOptions {
             field_points: 21,
             film_pitch_um: 8.0,

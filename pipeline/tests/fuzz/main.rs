@@ -1,9 +1,7 @@
-//! Fuzz targets of the pipeline: chart specifications and wavelength lists; readers of lens designs (module `designs`).
+//! Fuzz targets of the pipeline: chart specifications and wavelength lists.
 
 #[path = "../../../tests/fuzz_support/mod.rs"]
 mod fuzz_support;
-
-mod designs;
 
 use fuzz_support::extreme::magnitude;
 use fuzz_support::{Random, cases, print_row};

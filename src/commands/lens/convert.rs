@@ -6,8 +6,8 @@ use crate::failure::usage;
 use crate::outputs::check_absent;
 use crate::progress::{log_line, plural};
 use anyhow::{Context, Result};
+use formats::design::{endings_written, writer};
 use formats::durable::{AtomicFile, finish_together};
-use pipeline::design::{optiland, table, zmx};
 use std::path::{Path, PathBuf};
 
 /// Name of the catalogue of the design `out`: one word.
@@ -25,21 +25,16 @@ pub fn catalogue_path(out: &Path) -> PathBuf {
 pub fn command(args: &ConvertArgs) -> Result<()> {
     let out = &args.out;
     let own = catalogue_name(out);
-    let extension = out.extension().map(|e| e.to_string_lossy().to_lowercase()).unwrap_or_default();
-    if !matches!(extension.as_str(), "zmx" | "csv" | "json") {
-        return Err(usage(format!("{}: expected a file ending with .zmx, .csv or .json", out.display())));
-    }
+    let Some(write) = writer(out) else {
+        let expected = endings_written();
+        return Err(usage(format!("{}: expected a file ending with {expected}", out.display())));
+    };
     check_absent(out, args.overwrite)?;
     let system = design::open_unchecked(&args.design, &args.parameters)?;
     for note in &system.notes {
         log_line(format!("note: {note}"));
     }
-    let written = match extension.as_str() {
-        "zmx" => zmx::write(&system, &own),
-        "csv" => table::write(&system, &own),
-        _ => optiland::write(&system),
-    };
-    let written = written.with_context(|| format!("writing {}", out.display()))?;
+    let written = write(&system, &own).with_context(|| format!("writing {}", out.display()))?;
     for note in &written.notes {
         log_line(format!("note: {}: {note}", out.display()));
     }

@@ -131,7 +131,7 @@ pub fn cross_section(system: &System) -> Result<Plot> {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use pipeline::design::shelf::LENSES;
+    use formats::design::builtin::LENSES;
 
     #[test]
     fn rays_of_a_fisheye_start_within_the_figure() {

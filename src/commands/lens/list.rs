@@ -6,11 +6,11 @@ use crate::args::ListArgs;
 use crate::outputs::check_absent_in;
 use crate::progress::{log_line, print};
 use anyhow::{Context, Result};
+use formats::design::builtin::LENSES;
 use formats::durable::{create_directories, finish_together};
 use formats::lens::builtin_names;
 use formats::picture::style::Style;
 use pipeline::design::describe;
-use pipeline::design::shelf::LENSES;
 use serde_json::json;
 use std::path::Path;
 

@@ -13,9 +13,9 @@ use crate::job::lens::rotation_error;
 use crate::job::lens::samples::{FieldFigures, LensData, evenly_spaced, nearest};
 use crate::progress::print;
 use anyhow::Result;
+use formats::design::builtin::BuiltinLens;
 use formats::lens::summary;
 use pipeline::design::ray::Tracer;
-use pipeline::design::shelf::ShelfLens;
 use pipeline::design::spots::{polychromatic_spot, weighted_tracers};
 use pipeline::design::{Description, System};
 use serde_json::{Value, json};
@@ -154,7 +154,7 @@ fn text(lens: &LensData, shown: &Shown, heights_mm: &[f64], args: &ShowArgs) -> 
             for note in &system.notes {
                 out += &format!("note: {note}\n");
             }
-            if ShelfLens::named(&args.lens).is_some() {
+            if BuiltinLens::named(&args.lens).is_some() {
                 out += &cache_text();
             }
             out + "\n"

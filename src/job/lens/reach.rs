@@ -150,14 +150,14 @@ impl<'a> Reach<'a> {
 mod tests {
     use super::*;
     use crate::job::default_options;
+    use formats::design::builtin::BuiltinLens;
     use pipeline::band::Options;
-    use pipeline::design::shelf::ShelfLens;
     use pipeline::geometry::{Frame, Size};
     use pipeline::stage::{Stage, Stages};
 
     /// The reaches of a film up to `film_mm` from the axis of a Double Gauss with these steps, without PSFs.
     fn reaches(field_mm: f64, steps_mm: &[f64], film_mm: f64) -> Vec<BandReach> {
-        let system = ShelfLens::named("double-gauss-28").unwrap().system();
+        let system = BuiltinLens::named("double-gauss-28").unwrap().system();
         let size = Size::new(9, 9);
         let stages = Stages::of(&[Stage::Ri, Stage::Distortion]);
         let options = Options { stages, ..default_options() };
@@ -183,7 +183,7 @@ mod tests {
 
     #[test]
     fn reach_ends_before_the_last_chief_ray_and_with_the_film() {
-        let system = ShelfLens::named("double-gauss-28").unwrap().system();
+        let system = BuiltinLens::named("double-gauss-28").unwrap().system();
         let last_mm = 0.99 * Tracer::new(&system, 0.55).unwrap().farthest_field().0;
         let within = BandReach { step_mm: Some(last_mm), reach_mm: last_mm };
         let film_mm = last_mm - 1.0;

@@ -9,14 +9,14 @@ from pathlib import Path
 
 import numpy as np
 
-DATA = Path(__file__).resolve().parents[3] / "pipeline" / "data"
+ROOT = Path(__file__).resolve().parents[3]
 PRIMARY_UM = 0.5875618
 
 
 def read():
     """(curvatures [1/mm], thicknesses behind each surface [mm], glass names, index of the stop, entrance pupil diameter [mm])."""
     curvature, thickness, glass, stop, diameter = [], [], [], None, None
-    for words in (line.split() for line in (DATA / "double-gauss-28.zmx").read_text().splitlines() if line.strip()):
+    for words in (line.split() for line in (ROOT / "formats/data/lenses/double-gauss-28.zmx").read_text().splitlines() if line.strip()):
         if words[0] == "SURF":
             glass.append("")
         elif words[0] == "ENPD":
@@ -36,7 +36,7 @@ def index(name, um):
     """Refractive index by Sellmeier's formula with the coefficients of Schott."""
     if not name:
         return 1.0
-    with (DATA / "glasses.csv").open() as file:
+    with (ROOT / "pipeline/data/glasses.csv").open() as file:
         row = next(r for r in csv.DictReader(file) if r["name"] == name and r["vendor"] == "SCHOTT")
     assert row["formula"] == "2", f"{name} has formula {row['formula']}, Sellmeier's (2) is known here"
     v = [float(x) for x in row["coefficients"].split()]

@@ -69,11 +69,11 @@ pub fn open(
             }
             let order = axis_order(&sides, names.as_deref(), axes)
                 .map_err(|(expected, found)| header_error(path, "order of dimensions", expected, found))?;
-            let shown = names.as_ref().map_or_else(
+            let axis_names = names.as_ref().map_or_else(
                 || "without names of axes".into(),
                 |n: &Vec<String>| format!("({})", n.join(", ")),
             );
-            let note = format!("array {full_name} {sides:?}, {shown}, is read as {order}");
+            let note = format!("array {full_name} {sides:?}, {axis_names}, is read as {order}");
             (order, names, vec![note])
         }
     };
@@ -157,7 +157,7 @@ pub(super) fn matlab_order(
     sides: &[usize],
     declared: Option<&AxisOrder>,
 ) -> Result<(AxisOrder, Vec<String>), ChartError> {
-    let shown: Vec<usize> = sides.iter().rev().copied().collect();
+    let in_matlab: Vec<usize> = sides.iter().rev().copied().collect();
     let standard = if sides.len() == 3 { "y,x,wavelength" } else { "y,x" };
     let order = match declared {
         Some(order) => order.clone(),
@@ -165,12 +165,12 @@ pub(super) fn matlab_order(
     };
     if order.rank() != sides.len() {
         let expected = format!("{} axes, as in --axes {order}", order.rank());
-        return Err(header_error(path, "order of dimensions", expected, format!("{shown:?} in {name}")));
+        return Err(header_error(path, "order of dimensions", expected, format!("{in_matlab:?} in {name}")));
     }
     // Its own order is doubtful if both of the last two sides are far larger than the first.
     if declared.is_none() && AxisOrder::spatial_first(sides).is_some() {
         let found = format!(
-            "{shown:?}; is it (wavelength, y, x)? Add --axes wavelength,y,x, or --axes {standard} if it is not"
+            "{in_matlab:?}; is it (wavelength, y, x)? Add --axes wavelength,y,x, or --axes {standard} if it is not"
         );
         return Err(header_error(
             path,
@@ -179,6 +179,6 @@ pub(super) fn matlab_order(
             found,
         ));
     }
-    let note = format!("array {name} {shown:?} as MATLAB shows it is read as {order}");
+    let note = format!("array {name} {in_matlab:?} as MATLAB shows it is read as {order}");
     Ok((order.reversed(), vec![note]))
 }

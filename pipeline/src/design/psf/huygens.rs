@@ -1,0 +1,104 @@
+//! The point spread function of a field point: a Huygens sum of plane wavelets, one per ray.
+//!
+//! ```text
+//! U(X) = ∫∫ √(Φ J / N) e^{ik(W + L X + M Y)} dp dq      PSF = |U|²,   k = 2π/λ
+//! W = path − L (x − x₀) − M y       X, Y relative to the intersection (x₀, 0) of the chief ray with the film; (x, y) that of the ray
+//! J = |d(L, M)/d(p, q)|,   Φ = flux per dp dq,   (L, M, N) optical direction cosines in image space,
+//! times its index where the film lies in a glass
+//! ```
+//! Amplitude: |A|² N dL dM is the power of the wavelets in dL dM, which passes through dp dq; so A dL dM = √(Φ J / N) dp dq.
+//! A plain FFT of the pupil assumes constant J and N and a round pupil: 5-14 % wrong off axis for a Double Gauss.
+//! Total energy: ∫∫ |U|² dX dY = λ² ∫∫ (Φ/N) dp dq (Parseval), so the share inside any window is known without a larger one.
+//! Method: W, L, M and the amplitude are smooth over the pupil, so they are interpolated from a few hundred rays
+//! ([`PupilFunction`]); the integrand oscillates, so the density of its quadrature follows from the window; the sum
+//! over its nodes is a nonuniform FFT ([`super::nufft`]). Tests: the same sum without FFT.
+//! Source: Welford, chapter 4 (path); Goodman, Introduction to Fourier Optics, 3.10 (angular spectrum). Scalar; one polarisation.
+
+use super::nufft::{Nufft, NufftScratch, Point};
+use super::wavelets::Wavelet;
+use crate::design::pupil::function::PupilFunction;
+
+/// Computes PSFs on a window of n × n samples at one pitch.
+#[derive(Debug)]
+pub struct PsfGrid {
+    nufft: Nufft,
+    pitch_um: f64,
+}
+
+/// Buffers of one worker.
+#[derive(Default)]
+pub struct PsfScratch(NufftScratch);
+
+impl PsfGrid {
+    /// Windows of `2·half + 1` samples of `pitch_um`.
+    pub fn new(half: usize, pitch_um: f64) -> Self {
+        Self { nufft: Nufft::new(half), pitch_um }
+    }
+
+    /// Samples per side.
+    pub fn size(&self) -> usize {
+        self.nufft.size()
+    }
+
+    /// Sample pitch, µm.
+    pub fn pitch_um(&self) -> f64 {
+        self.pitch_um
+    }
+
+    /// Time for a PSF of `f`, in that for a sample: a point of the sum takes as long as ten samples, and three of four PSFs need both halves
+    /// of the pupil.
+    pub(in crate::design) fn work(&self, f: &PupilFunction) -> f64 {
+        let points = f.wavelets(self.reach_um(), 0.0, false).len();
+        self.size().pow(2) as f64 + 17.5 * points as f64
+    }
+
+    /// Half a side of the window, µm.
+    pub(super) fn reach_um(&self) -> f64 {
+        self.pitch_um * (self.size() / 2) as f64
+    }
+
+    /// The PSF rotated by `azimuth_rad` (row down: from +x towards +y), as shares of the total energy per sample.
+    pub fn psf(&self, f: &PupilFunction, azimuth_rad: f64, scratch: &mut PsfScratch) -> Vec<f64> {
+        let mut out = Vec::new();
+        self.psf_into(f, azimuth_rad, scratch, &mut out);
+        out.into_iter().map(f64::from).collect()
+    }
+
+    /// [`PsfGrid::psf`] into `out`.
+    pub fn psf_into(
+        &self,
+        f: &PupilFunction,
+        azimuth_rad: f64,
+        scratch: &mut PsfScratch,
+        out: &mut Vec<f32>,
+    ) {
+        // Without rotation the two halves of the pupil are mirror images, and one is enough.
+        let mirrored = azimuth_rad == 0.0;
+        let wavelets = f.wavelets(self.reach_um(), azimuth_rad, !mirrored);
+        self.sum(f, &wavelets, mirrored, scratch, out);
+    }
+
+    /// [`PsfGrid::psf_into`] from the wavelets of `f` for this window, with their mirror images if `mirrored`.
+    pub(super) fn sum(
+        &self,
+        f: &PupilFunction,
+        wavelets: &[Wavelet],
+        mirrored: bool,
+        scratch: &mut PsfScratch,
+        out: &mut Vec<f32>,
+    ) {
+        let scale = self.pitch_um / f.wavelength_um;
+        let points = wavelets.iter().map(|w| Point { s: w.l * scale, t: w.m * scale, c: w.c });
+        self.nufft.power(points, mirrored, f.share(self.pitch_um), &mut scratch.0, out);
+    }
+
+    /// Whether the samples are finer than the Nyquist pitch of `wavelets` of `wavelength_um`, or 2 % coarser: that of a pupil function is from its
+    /// points, between which its directions are interpolated.
+    pub(super) fn resolves(&self, wavelength_um: f64, wavelets: &[Wavelet]) -> bool {
+        let most = wavelets.iter().fold(0.0_f64, |most, w| most.max(w.l.abs()).max(w.m.abs()));
+        2.0 * self.pitch_um * most <= 1.02 * wavelength_um
+    }
+}
+
+#[cfg(test)]
+pub(in crate::design) mod tests;

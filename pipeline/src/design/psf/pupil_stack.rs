@@ -1,0 +1,226 @@
+//! Pupil functions of a band at the heights of its PSFs, from which the PSFs are computed when they are needed.
+//!
+//! The PSFs of a fast lens have gigabytes, the pupil functions, which are smooth, a hundredth of that. The PSFs are the same: a trace computes
+//! them from the same values with the same sums ([`super::huygens`]), each scaled to sum 1.
+//! A pupil has one segment, or several where surfaces limit it ([`crate::design::pupil`]). The values of a segment are at Chebyshev points of the first kind,
+//!
+//! ```text
+//! ρ_i = (1 − cos(π (i + ½)/rings))/2,    θ_j = from + (to − from) (1 − cos(π (j + ½)/spokes))/2,    ρ as the slow index,
+//! ```
+//! as rows of W in µm, L, M, √(Φ J / N) · B², and Φ / N · B²; the last two are negative where an obscuration hides the light.
+
+use std::f64::consts::{PI, TAU};
+
+use thiserror::Error;
+
+use super::huygens::{PsfGrid, PsfScratch};
+use crate::design::pupil::function::{Patch, PupilFunction};
+use crate::design::pupil::{Pupil, Segment};
+use crate::lens::{PsfSample, PsfStack};
+
+/// Numbers that describe a segment: index of its height, rings, spokes, first and last angle in rad, the surface whose aperture is its rim (−1: none),
+/// centre of its domain on the meridian in pupil coordinates, and 1 or −1 for a part that an obscuration hides.
+pub const SEGMENT_NUMBERS: usize = 8;
+/// Rows of values of a segment.
+pub const VALUE_ROWS: usize = 5;
+/// Maximum of rings and of spokes; the trace has fewer than 100.
+const MAX_POINTS: f64 = 256.0;
+/// Maximum of segments of a height; 8 are the most of the built-in lenses.
+const MAX_SEGMENTS: usize = 64;
+/// Maximum of nodes of the quadrature of a PSF: over its samples (the PSFs of the built-in lenses have 0.1 to 0.2), and in addition.
+const MAX_NODES: (f64, f64) = (4.0, 1e5);
+
+/// Pupil functions of the heights of a band.
+#[derive(Clone, Debug, PartialEq)]
+pub struct PupilStack {
+    size: usize,
+    pitch_um: f64,
+    functions: Vec<PupilFunction>,
+}
+
+/// The values do not describe a pupil.
+#[derive(Clone, Debug, Error, PartialEq, Eq)]
+#[error("segment {segment} {problem}")]
+pub struct PupilError {
+    /// Index of the segment.
+    pub segment: usize,
+    /// The violation.
+    pub problem: String,
+}
+
+impl PupilStack {
+    pub(in crate::design) fn new(grid: &PsfGrid, functions: Vec<PupilFunction>) -> Self {
+        Self { size: grid.size(), pitch_um: grid.pitch_um(), functions }
+    }
+
+    /// Samples a side of the PSFs.
+    pub fn size(&self) -> usize {
+        self.size
+    }
+
+    /// Sample pitch of the PSFs, µm.
+    pub fn pitch_um(&self) -> f64 {
+        self.pitch_um
+    }
+
+    /// Number of heights.
+    pub fn heights(&self) -> usize {
+        self.functions.len()
+    }
+
+    /// Computes the PSFs, each of sum 1, on the calling thread.
+    ///
+    /// # Errors
+    /// Directions of a pupil whose Nyquist pitch is below that of the samples.
+    pub fn psfs(&self) -> Result<PsfStack, PupilError> {
+        let n = self.size;
+        let grid = PsfGrid::new(n / 2, self.pitch_um);
+        let mut scratch = (PsfScratch::default(), Vec::new());
+        let mut samples = vec![0.0; n * n * self.functions.len()];
+        let mut segment = 0;
+        for (f, out) in self.functions.iter().zip(samples.chunks_exact_mut(n * n)) {
+            let wavelets = f.wavelets(grid.reach_um(), 0.0, false);
+            if !grid.resolves(f.wavelength_um, &wavelets) {
+                let problem = format!("has directions finer than samples of {} µm resolve", self.pitch_um);
+                return Err(PupilError { segment, problem });
+            }
+            grid.sum(f, &wavelets, true, &mut scratch.0, &mut scratch.1);
+            normalise(&scratch.1, out);
+            segment += f.patches.len();
+        }
+        Ok(PsfStack { size: n, pitch_um: self.pitch_um, sample: PsfSample::Point, samples })
+    }
+
+    /// [`SEGMENT_NUMBERS`] of every segment, and their values: segments × [`VALUE_ROWS`] × width, the width that of the segment of most points, NaN
+    /// after the points of the others.
+    pub fn parts(&self) -> (Vec<[f64; SEGMENT_NUMBERS]>, Vec<f64>) {
+        let patches =
+            || self.functions.iter().enumerate().flat_map(|(k, f)| f.patches.iter().map(move |p| (k, p)));
+        let width = patches().map(|(_, p)| p.rings * p.spokes).max().unwrap_or(0);
+        let numbers = patches().map(|(k, p)| {
+            let s = &p.segment;
+            let limit = s.limit.map_or(-1.0, |surface| surface as f64);
+            [k as f64, p.rings as f64, p.spokes as f64, s.from, s.to, limit, s.centre, s.sign]
+        });
+        let values = patches().flat_map(|(_, p)| &p.tables).flat_map(|table| {
+            table.iter().copied().chain(std::iter::repeat_n(f64::NAN, width - table.len()))
+        });
+        (numbers.collect(), values.collect())
+    }
+
+    /// The inverse of [`parts`](Self::parts), for PSFs at `heights_mm` of `size` samples of `pitch_um` a side.
+    ///
+    /// # Errors
+    /// A segment is out of order, out of bounds, has values that are not finite, or oscillates too much for any window of this size.
+    pub fn from_parts(
+        wavelength_nm: f64,
+        heights_mm: &[f64],
+        (size, pitch_um): (usize, f64),
+        segments: &[[f64; SEGMENT_NUMBERS]],
+        values: &[f64],
+    ) -> Result<Self, PupilError> {
+        let width = values.len() / VALUE_ROWS / segments.len().max(1);
+        let mut patches: Vec<Vec<Patch>> = vec![Vec::new(); heights_mm.len()];
+        let mut before = 0.0;
+        for (index, numbers) in segments.iter().enumerate() {
+            let invalid = |problem: String| PupilError { segment: index, problem };
+            let (segment, rings, spokes) = segment(numbers).map_err(invalid)?;
+            let k = numbers[0];
+            if k < before || k >= heights_mm.len() as f64 || patches[k as usize].len() >= MAX_SEGMENTS {
+                return Err(invalid(format!(
+                    "is of height index {k}, expected ascending indices below {}, each at most {MAX_SEGMENTS} times",
+                    heights_mm.len()
+                )));
+            }
+            before = k;
+            let points = rings * spokes;
+            if points > width {
+                return Err(invalid(format!(
+                    "has {rings} × {spokes} points, but its rows have {width} values"
+                )));
+            }
+            let rows = &values[index * VALUE_ROWS * width..][..VALUE_ROWS * width];
+            let tables = std::array::from_fn(|row| rows[row * width..][..points].to_vec());
+            if let Some(v) = tables.iter().flatten().find(|v| !v.is_finite()) {
+                return Err(invalid(format!("has the value {v}, expected finite numbers")));
+            }
+            patches[k as usize].push(Patch::new(segment, rings, spokes, tables));
+        }
+        if let Some(k) = patches.iter().position(Vec::is_empty) {
+            let segment = segments.partition_point(|numbers| numbers[0] < k as f64);
+            return Err(PupilError {
+                segment,
+                problem: format!("is not of height index {k}, which has none"),
+            });
+        }
+        let most = MAX_NODES.0 * (size * size) as f64 + MAX_NODES.1;
+        let function = |(k, patches): (usize, Vec<Patch>)| {
+            let pupil = Pupil { segments: patches.iter().map(|p| p.segment).collect() };
+            let f = PupilFunction::new(wavelength_nm / 1e3, pupil, patches, heights_mm[k]);
+            let nodes = f.expected_nodes(pitch_um * (size / 2) as f64);
+            match nodes <= most {
+                true => Ok(f),
+                false => {
+                    let segment = segments.partition_point(|numbers| numbers[0] < k as f64);
+                    let problem =
+                        format!("oscillates too much: {nodes:.1e} rays, expected at most {most:.1e}");
+                    Err(PupilError { segment, problem })
+                }
+            }
+        };
+        let functions = patches.into_iter().enumerate().map(function).collect::<Result<_, _>>()?;
+        Ok(Self { size, pitch_um, functions })
+    }
+}
+
+/// `psf` divided by its sum into `out`; the sum, its share of the energy.
+pub(in crate::design) fn normalise(psf: &[f32], out: &mut [f32]) -> f64 {
+    let sum: f64 = psf.iter().map(|v| f64::from(*v)).sum();
+    for (o, v) in out.iter_mut().zip(psf) {
+        *o = rounded((f64::from(*v) / sum) as f32);
+    }
+    sum
+}
+
+/// `v` rounded to 16 significant bits, a relative error of at most 2⁻¹⁷: of an f32 the last byte is 0, which is worth a third of a compressed pack.
+/// The L1 difference of PSFs is 6e-6.
+fn rounded(v: f32) -> f32 {
+    f32::from_bits((v.to_bits() + 0x80) & !0xff)
+}
+
+/// The segment of `numbers`, its rings and spokes.
+fn segment(numbers: &[f64; SEGMENT_NUMBERS]) -> Result<(Segment, usize, usize), String> {
+    let &[height, rings, spokes, from, to, limit, centre, sign] = numbers;
+    let is_whole = |v: f64| v.fract() == 0.0;
+    if !(is_whole(height) && height >= 0.0 && is_whole(limit) && (-1.0..=1e6).contains(&limit)) {
+        return Err(format!(
+            "is of height index {height} and limited by surface {limit}, expected whole numbers"
+        ));
+    }
+    let is_count = |v: f64| is_whole(v) && (2.0..=MAX_POINTS).contains(&v);
+    if !(is_count(rings) && is_count(spokes)) {
+        return Err(format!("has {rings} rings and {spokes} spokes, expected 2 to {MAX_POINTS}"));
+    }
+    if !(0.0 <= from && from < to && to <= PI) {
+        return Err(format!("is from {from} to {to} rad, expected ascending angles from 0 to π"));
+    }
+    if !(sign.abs() == 1.0 && centre.abs() <= 1.0) {
+        return Err(format!("has sign {sign} and centre {centre}, expected 1 or -1, and -1 to 1"));
+    }
+    let limit = (limit >= 0.0).then_some(limit as usize);
+    Ok((Segment { from, to, limit, centre, sign }, rings as usize, spokes as usize))
+}
+
+impl PupilFunction {
+    /// Number of nodes of the quadrature for a window of ± `reach_um` in x and y, about.
+    fn expected_nodes(&self, reach_um: f64) -> f64 {
+        let k = TAU / self.wavelength_um;
+        let corner = std::f64::consts::SQRT_2 * reach_um;
+        let of_patch = |patch: &Patch| {
+            let (rho, theta) = patch.change(0.0, 1.0);
+            let periods = |(lm, w): (f64, f64), span: f64| k * (corner * lm + w) * span / TAU + 8.0;
+            periods(rho, 1.0) * periods(theta, patch.segment.to - patch.segment.from)
+        };
+        self.patches.iter().map(of_patch).sum()
+    }
+}

@@ -1,0 +1,11 @@
+//! First-order optics, and real rays from a field point through the pupil to the film.
+
+pub(super) mod aim;
+mod field;
+mod ideal_lens;
+mod launch;
+pub mod paraxial;
+pub mod ray;
+mod ray_budget;
+pub mod scalar;
+pub mod surface;

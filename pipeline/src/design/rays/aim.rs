@@ -1,0 +1,189 @@
+//! Ray aiming: the point of the entrance pupil plane for a pupil coordinate, and the chief rays of all field angles.
+//!
+//! *Paraxial aiming*: the point (p, q)·R of the paraxial entrance pupil. *Real aiming*: the point whose ray crosses the stop at (p, q)·(real
+//! radius of the axial marginal ray), by Newton's method with exact derivatives. In a wide-angle lens the real pupil moves along the axis with
+//! the field angle θ, in first order by δ ∝ θ², so a ray at 85° aimed at the paraxial pupil misses the lens. The chief rays are therefore
+//! followed from the axis outwards in steps of the angle: the shift δ of each is extrapolated as a polynomial in θ² through the three before,
+//! and the step is halved where Newton's method fails. The first guess of any other ray is the chief ray of its field angle plus
+//! the derivatives there by (p, q).
+//! The list ends where no chief ray crosses the stop and reaches the image, or at 89.5°.
+
+use std::f64::consts::PI;
+
+use super::ray::{Lost, Tracer};
+use super::scalar::Dual;
+use crate::design::prescription::error::DesignError;
+use crate::design::prescription::system::RayAiming;
+use crate::real;
+
+/// Step of the chief rays' angle, rad.
+const STEP: f64 = PI / 180.0;
+/// Minimum step after a failure, rad.
+const MIN_STEP: f64 = STEP / 64.0;
+/// Maximum angle, rad: 89.5 degrees.
+const MAX_ANGLE: f64 = 179.0 * PI / 360.0;
+/// Steps from the chief ray to a ray that cannot be aimed at directly.
+const PUPIL_STEPS: u32 = 12;
+/// Iterations of Newton's method; rays of real lenses need 3 to 8.
+const ITERATIONS: u32 = 20;
+/// Steps of the angle that are tried, 179 where none fails.
+const MAX_STEPS: u32 = 1000;
+
+/// The chief ray of one field angle.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub(super) struct ChiefRay {
+    /// Angle at the paraxial entrance pupil, rad.
+    pub(super) angle: f64,
+    /// Tangent of the angle.
+    pub(super) tan: f64,
+    /// Point in the plane of the paraxial entrance pupil, mm, and its derivatives by p (x) and q (y).
+    at: [f64; 3],
+    /// Height in the image plane, mm.
+    pub(super) height_mm: f64,
+}
+
+/// Chief rays from the axis to the largest angle at which one reaches the image, and why the next does not.
+#[derive(Clone, Debug)]
+pub(super) struct ChiefRays {
+    pub(super) rays: Vec<ChiefRay>,
+    pub(super) end: Option<DesignError>,
+}
+
+impl Tracer<'_> {
+    /// The point of the entrance pupil plane, mm, for pupil coordinates (p, q), with derivatives by them.
+    pub(super) fn aim(&self, tan: f64, p: f64, q: f64) -> Result<[Dual; 2], DesignError> {
+        let radius = self.primary.entrance_radius_mm;
+        if self.aiming() == RayAiming::Paraxial {
+            return Ok([Dual::new(p * radius, radius, 0.0), Dual::new(q * radius, 0.0, radius)]);
+        }
+        let [x, dx, dy] = if tan == 0.0 { [0.0, radius, radius] } else { self.chiefs().near(tan) };
+        let direct = self.newton(tan, p, q, [x + p * dx, q * dy]);
+        direct.or_else(|first| {
+            if (p, q) == (0.0, 0.0) {
+                return Err(first);
+            }
+            let [x, y] = self.newton(tan, 0.0, 0.0, [x, 0.0]).map_err(|_| first.clone())?;
+            let (mut at, mut by) = ([x.v, y.v], [x.d, y.d]);
+            for step in 1..=PUPIL_STEPS {
+                let part = f64::from(step) / f64::from(PUPIL_STEPS);
+                // Extrapolated along the derivatives at the point before.
+                let guess = |i: usize| at[i] + (by[i][0] * p + by[i][1] * q) / f64::from(PUPIL_STEPS);
+                let [x, y] =
+                    self.newton(tan, p * part, q * part, [guess(0), guess(1)]).map_err(|_| first.clone())?;
+                (at, by) = ([x.v, y.v], [x.d, y.d]);
+            }
+            Ok([0, 1].map(|i| Dual { v: at[i], d: by[i] }))
+        })
+    }
+
+    fn newton(&self, tan: f64, p: f64, q: f64, mut at: [f64; 2]) -> Result<[Dual; 2], DesignError> {
+        let scale = self.stop_sign() * self.stop_radius_mm();
+        let mut done = false;
+        for _ in 0..ITERATIONS {
+            self.count_ray(tan)?;
+            let ray = self.launch(tan, Dual::new(at[0], 1.0, 0.0), Dual::new(at[1], 0.0, 1.0));
+            let hit =
+                self.run(ray, self.stop(), &mut None).map_err(|lost| self.lost_in_search(tan, p, q, lost))?.p;
+            let (a, b) = (hit[0].d, hit[1].d);
+            let det = a[0] * b[1] - a[1] * b[0];
+            // Columns of the inverse: d(pupil plane)/d(stop).
+            let inverse = [[b[1] / det, -a[1] / det], [-b[0] / det, a[0] / det]];
+            let miss = [scale * p - hit[0].v, scale * q - hit[1].v];
+            let step = inverse.map(|row| row[0] * miss[0] + row[1] * miss[1]);
+            if !(step[0].is_finite() && step[1].is_finite()) {
+                break;
+            }
+            at = [at[0] + step[0], at[1] + step[1]];
+            if done {
+                return Ok([0, 1].map(|i| Dual::new(at[i], inverse[i][0] * scale, inverse[i][1] * scale)));
+            }
+            // One more iteration squares the error of the point and computes the derivatives there.
+            done = real::hypot(step[0], step[1]) < 1e-4 * self.primary.entrance_radius_mm;
+        }
+        Err(self.ray_error(tan, p, q, "cannot be aimed at the stop".to_owned()))
+    }
+
+    /// Follows the chief rays from the axis outwards.
+    pub(super) fn follow_chiefs(&self) -> ChiefRays {
+        let radius = self.primary.entrance_radius_mm;
+        let axis = ChiefRay { angle: 0.0, tan: 0.0, at: [0.0, radius, radius], height_mm: 0.0 };
+        let (mut rays, mut end, mut step) = (vec![axis], None, STEP);
+        for tried in 1..=MAX_STEPS {
+            let last = rays[rays.len() - 1];
+            let angle = (last.angle + step).min(MAX_ANGLE);
+            if angle <= last.angle {
+                break;
+            }
+            let tan = real::tan(angle);
+            let guess = [-tan * shift(&rays, angle), 0.0];
+            match self.chief(tan, guess) {
+                Ok((at, height_mm)) => {
+                    rays.push(ChiefRay { angle, tan, at, height_mm });
+                    step = (2.0 * step).min(STEP);
+                }
+                Err(e) if step <= MIN_STEP || tried == MAX_STEPS => {
+                    end = Some(e);
+                    break;
+                }
+                Err(_) => step *= 0.5,
+            }
+        }
+        ChiefRays { rays, end }
+    }
+
+    fn chief(&self, tan: f64, guess: [f64; 2]) -> Result<([f64; 3], f64), DesignError> {
+        let [x, y] = match self.aiming() {
+            RayAiming::Paraxial => self.aim(tan, 0.0, 0.0)?,
+            RayAiming::Real => self.newton(tan, 0.0, 0.0, guess)?,
+        };
+        let image = self.run(self.launch(tan, x.v, y.v), self.image(), &mut None);
+        let lost = |lost: Lost| self.lost(tan, 0.0, 0.0, lost);
+        Ok(([x.v, x.d[0], y.d[1]], image.map_err(lost)?.p[0]))
+    }
+}
+
+/// Shift of the real pupil towards the object at `angle`, mm, extrapolated in the square of the angle from up to three rays before it.
+fn shift(rays: &[ChiefRay], angle: f64) -> f64 {
+    let known: Vec<(f64, f64)> =
+        rays[1..].iter().rev().take(3).map(|r| (r.angle * r.angle, -r.at[0] / r.tan)).collect();
+    lagrange(&known, angle * angle)
+}
+
+/// The polynomial through `points` at `at`.
+pub(in crate::design) fn lagrange(points: &[(f64, f64)], at: f64) -> f64 {
+    let term = |i: usize| {
+        let others = points.iter().enumerate().filter(|(j, _)| *j != i);
+        others.fold(points[i].1, |v, (_, p)| v * (at - p.0) / (points[i].0 - p.0))
+    };
+    (0..points.len()).map(term).sum()
+}
+
+impl ChiefRays {
+    /// Point and derivatives near the chief ray at `tan`, interpolated; those of the last ray beyond it.
+    fn near(&self, tan: f64) -> [f64; 3] {
+        let (size, sign) = (tan.abs(), tan.signum());
+        let k = self.rays.partition_point(|r| r.tan < size).clamp(1, self.rays.len().max(2) - 1);
+        let (Some(a), Some(b)) = (self.rays.get(k - 1), self.rays.get(k)) else { return self.rays[0].at };
+        let square = real::atan(size).powi(2);
+        let u = ((square - a.angle * a.angle) / (b.angle * b.angle - a.angle * a.angle)).clamp(0.0, 1.5);
+        let mix = |x: f64, y: f64| x + (y - x) * u;
+        // The shift, not the point, is smooth; on the axis it is that of the next ray.
+        let shift = |r: &ChiefRay| r.at[0] / r.tan;
+        let first = if a.tan == 0.0 { shift(b) } else { shift(a) };
+        [sign * size * mix(first, shift(b)), mix(a.at[1], b.at[1]), mix(a.at[2], b.at[2])]
+    }
+
+    /// Index of the first ray whose height is at least `height_mm`, if the heights ascend up to there.
+    pub(super) fn reaching(&self, height_mm: f64) -> Option<usize> {
+        (1..self.rays.len())
+            .take_while(|k| self.rays[*k].height_mm > self.rays[k - 1].height_mm)
+            .find(|k| self.rays[*k].height_mm >= height_mm)
+    }
+
+    /// The ray of the largest height that the heights ascend to, and whether a ray follows it.
+    pub(super) fn farthest(&self) -> (ChiefRay, bool) {
+        let k =
+            (1..self.rays.len()).take_while(|k| self.rays[*k].height_mm > self.rays[k - 1].height_mm).count();
+        (self.rays[k], k + 1 < self.rays.len())
+    }
+}

@@ -1,0 +1,398 @@
+//! Real rays: from a field point through the pupil to the image plane.
+//!
+//! A field point on +x or −x (meridional plane y = 0) is given by t = tan of the chief ray's angle at the paraxial entrance pupil
+//! of the primary wavelength: a plane wave for an object at infinity, else a point at height −t·(distance to the pupil). The sign
+//! is that of an image on +x (`launch`; telecentric object spaces there, too). Pupil coordinates (p, q) are in the unit disc:
+//!   *paraxial aiming*: the point (p, q)·R of the paraxial entrance pupil plane (every wavelength shares it);
+//!   *real aiming*: the point of that plane whose ray crosses the stop at (p, q)·(real radius of the axial marginal ray there), see `aim`.
+//! Clipping by apertures is measured by the maximum of r²/a² − 1 over all surfaces with an aperture radius a, a central obscuration by the
+//! minimum over all surfaces with an obscuration of radius a. Rays within an obscuration are traced as if it were not there.
+//! Flux through dp dq: d(x, y) in the pupil plane for an object at infinity, d(L, M) at the object (Lambertian) for a finite one.
+//! Left out: ghosts, absorption, coatings, polarisation, vignetting factors.
+
+use std::sync::OnceLock;
+
+use super::aim::ChiefRays;
+use super::ideal_lens::{IdealLens, ideal_lenses};
+use super::paraxial::Paraxial;
+use super::ray_budget::RayBudget;
+use super::scalar::{Dual, Scalar};
+use super::surface::{Ray, Stopped};
+use crate::design::prescription::error::DesignError;
+use crate::design::prescription::system::{RayAiming, System};
+
+/// A system with its indices for rays of one wavelength.
+#[derive(Clone, Debug)]
+pub struct Tracer<'a> {
+    system: &'a System,
+    indices: Vec<f64>,
+    ideal: Vec<Option<IdealLens>>,
+    sign: f64,
+    stop_radius_mm: f64,
+    stop_sign: f64,
+    has_apertures: bool,
+    has_obscurations: bool,
+    chiefs: OnceLock<ChiefRays>,
+    pub(super) budget: Option<RayBudget>,
+    /// First-order properties at the primary wavelength, with the position of the pupil.
+    pub primary: Paraxial,
+    /// Wavelength, µm.
+    pub wavelength_um: f64,
+}
+
+/// A ray that does not reach the image.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub struct Lost {
+    /// Surface index.
+    pub surface: usize,
+    /// Reason.
+    pub why: Stopped,
+}
+
+/// Where a ray crosses apertures and obscurations: r²/a² − 1, and the surface.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub(in crate::design) struct Clip {
+    /// Maximum over the apertures.
+    pub(super) over: (f64, usize),
+    /// Minimum over the obscurations.
+    pub(super) hidden: (f64, usize),
+}
+
+impl Clip {
+    pub(in crate::design) const NONE: Self =
+        Self { over: (f64::NEG_INFINITY, 0), hidden: (f64::INFINITY, 0) };
+
+    /// Whether the ray reaches the image: no aperture and no obscuration blocks it.
+    fn passes(&self) -> bool {
+        self.over.0 <= 0.0 && self.hidden.0 > 0.0
+    }
+
+    /// Whether it passes all apertures and an obscuration hides it.
+    pub(in crate::design) fn is_hidden(&self) -> bool {
+        self.over.0 <= 0.0 && self.hidden.0 <= 0.0
+    }
+}
+
+/// A ray in the image plane, with derivatives by the pupil coordinates p, q.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct ImageRay {
+    /// Intersection with the image plane, mm.
+    pub x: Dual,
+    /// Intersection with the image plane, mm.
+    pub y: Dual,
+    /// Optical direction cosine along x: times the index of the medium in front of the film, as are the others.
+    pub l: Dual,
+    /// That along y.
+    pub m: Dual,
+    /// That along z.
+    pub n: f64,
+    /// Optical path from the object's wavefront, mm.
+    pub path: Dual,
+    /// Flux per dp dq, relative to the field point's other rays.
+    pub flux: f64,
+}
+
+impl ImageRay {
+    /// |d(L, M)/d(p, q)|.
+    pub fn solid_angle(&self) -> f64 {
+        (self.l.d[0] * self.m.d[1] - self.l.d[1] * self.m.d[0]).abs()
+    }
+}
+
+impl<'a> Tracer<'a> {
+    /// Prepares `system` for rays of `um`.
+    ///
+    /// # Errors
+    /// [`DesignError::Wavelength`] of a glass, or no first-order properties.
+    pub fn new(system: &'a System, um: f64) -> Result<Self, DesignError> {
+        let primary = Paraxial::new(system, system.primary_um())?;
+        let mut tracer = Self {
+            system,
+            indices: indices(system, system.primary_um())?,
+            ideal: Vec::new(),
+            sign: primary.distortion_focal_length_mm.signum(),
+            stop_radius_mm: primary.stop_radius_mm,
+            stop_sign: 1.0,
+            chiefs: OnceLock::new(),
+            budget: None,
+            has_apertures: system.surfaces.iter().any(|s| s.aperture_mm.is_some()),
+            has_obscurations: system.surfaces.iter().any(|s| s.obscuration_mm.is_some()),
+            primary,
+            wavelength_um: system.primary_um(),
+        };
+        tracer.ideal = ideal_lenses(system, &tracer.indices);
+        if system.aiming == RayAiming::Real
+            && !matches!(system.aperture, crate::design::prescription::system::Aperture::StopRadius(_))
+        {
+            let radius = tracer.primary.entrance_radius_mm;
+            let ray = tracer.launch(0.0, radius, 0.0);
+            let at_stop = tracer.run(ray, system.stop, &mut None);
+            tracer.stop_radius_mm = at_stop.map_err(|lost| tracer.lost(0.0, 1.0, 0.0, lost))?.p[0].abs();
+        }
+        tracer.indices = indices(system, um)?;
+        tracer.ideal = ideal_lenses(system, &tracer.indices);
+        tracer.wavelength_um = um;
+        let near_axis = tracer.launch(0.0, 1e-6 * tracer.primary.entrance_radius_mm, 0.0);
+        tracer.stop_sign = tracer.run(near_axis, system.stop, &mut None).map_or(1.0, |r| r.p[0].signum());
+        Ok(tracer)
+    }
+
+    /// Whether any surface can clip light.
+    pub fn has_apertures(&self) -> bool {
+        self.has_apertures
+    }
+
+    /// Ideal height over tan(field angle): the distortion focal length, positive.
+    pub fn ideal_scale_mm(&self) -> f64 {
+        self.primary.distortion_focal_length_mm.abs()
+    }
+
+    /// Whether any surface has a central obscuration.
+    pub fn has_obscurations(&self) -> bool {
+        self.has_obscurations
+    }
+
+    /// Traces `ray` to its intersection with surface `last`, without refraction there; `clip` collects its places in apertures.
+    pub(super) fn run<T: Scalar>(
+        &self,
+        mut ray: Ray<T>,
+        last: usize,
+        clip: &mut Option<Clip>,
+    ) -> Result<Ray<T>, Lost> {
+        for (i, s) in self.system.surfaces.iter().enumerate().take(last + 1) {
+            let lost = |why| Lost { surface: i, why };
+            s.shape.meet(&mut ray, self.indices[i]).map_err(lost)?;
+            if let Some(clip) = clip.as_mut() {
+                let (x, y) = (ray.p[0].value(), ray.p[1].value());
+                let place = |a: f64| ((x * x + y * y) / (a * a) - 1.0, i);
+                if let Some(over) = s.aperture_mm.map(place).filter(|o| o.0 > clip.over.0) {
+                    clip.over = over;
+                }
+                if let Some(hidden) = s.obscuration_mm.map(place).filter(|h| h.0 < clip.hidden.0) {
+                    clip.hidden = hidden;
+                }
+            }
+            if i == last {
+                break;
+            }
+            self.bend(i, &mut ray).map_err(lost)?;
+            ray.p[2] = ray.p[2] - T::of(s.thickness_mm);
+        }
+        Ok(ray)
+    }
+
+    /// Bends `ray` at surface `i`.
+    fn bend<T: Scalar>(&self, i: usize, ray: &mut Ray<T>) -> Result<(), Stopped> {
+        let (s, [n1, n2]) = (&self.system.surfaces[i], [self.indices[i], self.indices[i + 1]]);
+        match (&self.ideal[i], s.is_mirror) {
+            (Some(lens), _) => lens.bend(ray, n1, n2),
+            (None, true) => s.shape.reflect(ray),
+            (None, false) => s.shape.refract(ray, n1, n2),
+        }
+    }
+
+    pub(super) fn lost(&self, tan: f64, p: f64, q: f64, lost: Lost) -> DesignError {
+        let what = match lost.why {
+            Stopped::Misses => "misses",
+            Stopped::Reflected => "is totally reflected at",
+        };
+        self.ray_error(tan, p, q, format!("{what} surface {}", lost.surface + 1))
+    }
+
+    pub(in crate::design) fn ray_error(&self, tan: f64, px: f64, py: f64, problem: String) -> DesignError {
+        let advice = match self.system.aiming {
+            _ if tan == 0.0 => "use a smaller aperture: the lens does not transmit the axial bundle",
+            RayAiming::Paraxial => "use a smaller field, or aim rays at the real stop (`--aiming real`)",
+            RayAiming::Real if self.has_apertures => "use a smaller field",
+            RayAiming::Real => {
+                "use a smaller field, or give the surfaces their clear radii, which block such rays"
+            }
+        };
+        DesignError::Ray { px, py, field_tan: tan, wavelength_um: self.wavelength_um, problem, advice }
+    }
+
+    pub(super) fn aiming(&self) -> RayAiming {
+        self.system.aiming
+    }
+
+    /// Index of the stop.
+    pub(super) fn stop(&self) -> usize {
+        self.system.stop
+    }
+
+    /// Index of the image plane.
+    pub(super) fn image(&self) -> usize {
+        self.system.image()
+    }
+
+    /// Radius in the stop that real aiming aims at, mm.
+    pub(super) fn stop_radius_mm(&self) -> f64 {
+        self.stop_radius_mm
+    }
+
+    /// Sign of the magnification from entrance pupil to stop; pupil coordinates follow the entrance pupil.
+    pub(super) fn stop_sign(&self) -> f64 {
+        self.stop_sign
+    }
+
+    /// Sign of a field point for an image on +x.
+    pub(super) fn sign(&self) -> f64 {
+        self.sign
+    }
+
+    pub(super) fn is_telecentric(&self) -> bool {
+        self.system.is_telecentric
+    }
+
+    /// Object distance before the first surface, mm; none for an object at infinity.
+    pub fn object_distance_mm(&self) -> Option<f64> {
+        self.system.object_distance_mm
+    }
+
+    /// The chief rays of all field angles.
+    pub(super) fn chiefs(&self) -> &ChiefRays {
+        self.chiefs.get_or_init(|| self.follow_chiefs())
+    }
+
+    /// The ray through pupil point (p, q) in the image plane, with derivatives by (p, q). Apertures are ignored.
+    ///
+    /// # Errors
+    /// [`DesignError::Ray`] if it does not reach the image.
+    pub fn ray(&self, tan: f64, p: f64, q: f64) -> Result<ImageRay, DesignError> {
+        self.ray_in_apertures(tan, p, q, &mut None)
+    }
+
+    /// [`Tracer::ray`]; `clip` collects its places in apertures.
+    pub(in crate::design) fn ray_in_apertures(
+        &self,
+        tan: f64,
+        p: f64,
+        q: f64,
+        clip: &mut Option<Clip>,
+    ) -> Result<ImageRay, DesignError> {
+        let [x, y] = self.aim(tan, p, q)?;
+        let start = self.launch(tan, x, y);
+        let flux = match self.system.object_distance_mm {
+            None => [x, y],
+            Some(_) => [start.d[0], start.d[1]],
+        };
+        let r = self.run(start, self.system.image(), clip).map_err(|lost| self.lost(tan, p, q, lost))?;
+        let index = Dual::of(self.indices[self.system.image()]);
+        Ok(ImageRay {
+            x: r.p[0],
+            y: r.p[1],
+            l: index * r.d[0],
+            m: index * r.d[1],
+            n: (index * r.d[2]).v,
+            path: r.path,
+            flux: (flux[0].d[0] * flux[1].d[1] - flux[0].d[1] * flux[1].d[0]).abs(),
+        })
+    }
+
+    /// Intersections (z, x) in mm of the meridional ray through pupil height `p` with all surfaces, z from the first vertex; the first
+    /// point is `before_mm` in front of that vertex.
+    ///
+    /// # Errors
+    /// [`DesignError::Ray`] if it does not reach the image.
+    pub fn path(&self, tan: f64, p: f64, before_mm: f64) -> Result<Vec<(f64, f64)>, DesignError> {
+        let [x, _] = self.aim(tan, p, 0.0)?;
+        let mut ray = self.launch(tan, x.v, 0.0);
+        let slope = ray.d[0] / ray.d[2];
+        let mut path = vec![(-before_mm, ray.p[0] - slope * (ray.p[2] + before_mm))];
+        let axis = self.system.axis();
+        for (i, s) in self.system.surfaces.iter().enumerate() {
+            let (vertex, direction) = axis[i];
+            let lost = |why| self.lost(tan, p, 0.0, Lost { surface: i, why });
+            s.shape.meet(&mut ray, self.indices[i]).map_err(lost)?;
+            path.push((vertex + direction * ray.p[2], ray.p[0]));
+            if i < self.system.image() {
+                self.bend(i, &mut ray).map_err(lost)?;
+                ray.p[2] -= s.thickness_mm;
+            }
+        }
+        Ok(path)
+    }
+
+    /// Maximum overshoot of an aperture by the ray through (p, q), and its surface: (r²/a² − 1, surface). A ray that does not reach the
+    /// image counts as blocked at the surface where it ends.
+    pub fn overshoot(&self, tan: f64, p: f64, q: f64) -> (f64, usize) {
+        self.clip(tan, p, q).over
+    }
+
+    /// Overshoot of the part of the pupil that is hidden by central obscurations: negative where a ray passes all apertures and is hidden. The
+    /// surface of an obscuration is counted from the number of surfaces.
+    pub(in crate::design) fn overshoot_of_hidden(&self, tan: f64, p: f64, q: f64) -> (f64, usize) {
+        let clip = self.clip(tan, p, q);
+        let hidden = (clip.hidden.0, self.system.surfaces.len() + clip.hidden.1);
+        if clip.over.0 > hidden.0 { clip.over } else { hidden }
+    }
+
+    /// Whether the ray through (p, q) reaches the image: no aperture and no obscuration blocks it.
+    pub fn passes(&self, tan: f64, p: f64, q: f64) -> bool {
+        self.clip(tan, p, q).passes()
+    }
+
+    /// Intersection with the image plane, mm, of the ray through (p, q), if no aperture and no obscuration blocks it.
+    pub(in crate::design) fn landing(&self, tan: f64, p: f64, q: f64) -> Option<(f64, f64)> {
+        let [x, y] = self.aim(tan, p, q).ok()?;
+        let mut clip = Some(Clip::NONE);
+        let ray = self.run(self.launch(tan, x.v, y.v), self.system.image(), &mut clip).ok()?;
+        clip.is_some_and(|c| c.passes()).then_some((ray.p[0], ray.p[1]))
+    }
+
+    /// The surfaces with an aperture, then those with an obscuration.
+    pub(in crate::design) fn limits(&self) -> [Vec<usize>; 2] {
+        let surfaces = || self.system.surfaces.iter().enumerate();
+        let apertures = surfaces().filter(|(_, s)| s.aperture_mm.is_some()).map(|(i, _)| i);
+        let obscurations = surfaces().filter(|(_, s)| s.obscuration_mm.is_some()).map(|(i, _)| i);
+        [apertures.collect(), obscurations.collect()]
+    }
+
+    /// r²/a² − 1 at each of [`Tracer::limits`] for the ray through (p, q), whatever blocks it.
+    ///
+    /// # Errors
+    /// [`DesignError::Ray`] if it does not reach the image.
+    pub(in crate::design) fn places(&self, tan: f64, p: f64, q: f64) -> Result<Vec<f64>, DesignError> {
+        let [x, y] = self.aim(tan, p, q)?;
+        let mut ray = self.launch(tan, x.v, y.v);
+        let (mut places, mut hidden) = (Vec::new(), Vec::new());
+        for (i, s) in self.system.surfaces.iter().enumerate() {
+            let lost = |why| self.lost(tan, p, q, Lost { surface: i, why });
+            s.shape.meet(&mut ray, self.indices[i]).map_err(lost)?;
+            let place = |a: f64| (ray.p[0] * ray.p[0] + ray.p[1] * ray.p[1]) / (a * a) - 1.0;
+            places.extend(s.aperture_mm.map(place));
+            hidden.extend(s.obscuration_mm.map(place));
+            if i < self.system.image() {
+                self.bend(i, &mut ray).map_err(lost)?;
+                ray.p[2] -= s.thickness_mm;
+            }
+        }
+        places.append(&mut hidden);
+        Ok(places)
+    }
+
+    /// Number of surfaces; surfaces of obscurations are counted from here.
+    pub(in crate::design) fn surfaces(&self) -> usize {
+        self.system.surfaces.len()
+    }
+
+    fn clip(&self, tan: f64, p: f64, q: f64) -> Clip {
+        let mut clip = Some(Clip::NONE);
+        let blocked = |surface| Clip { over: (1.0, surface), ..Clip::NONE };
+        match self.aim(tan, p, q) {
+            Ok([x, y]) => match self.run(self.launch(tan, x.v, y.v), self.system.image(), &mut clip) {
+                Ok(_) => clip.unwrap_or(Clip::NONE),
+                Err(lost) => blocked(lost.surface),
+            },
+            Err(_) => blocked(self.system.stop),
+        }
+    }
+}
+
+fn indices(system: &System, um: f64) -> Result<Vec<f64>, DesignError> {
+    let mut n = vec![1.0];
+    for s in &system.surfaces {
+        n.push(s.medium.index(um)?);
+    }
+    Ok(n)
+}

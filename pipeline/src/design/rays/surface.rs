@@ -1,0 +1,262 @@
+//! One surface: intersection of its [`Shape`] with a ray, normal, refraction or reflection.
+//!
+//! ```text
+//! n' d' = n d + (n' cos i' − n cos i) N                          Snell's law in vector form, N along the ray
+//! d' = d − 2 (d·N) N                                             mirror; z then counts along the reflected light
+//! ```
+//! Coordinates in mm, origin at the vertex, +z along the light. The intersection with STANDARD surfaces (all
+//! α_i = 0) is in closed form, that with even aspheres by Newton's method from there. Of two intersections the one nearer the vertex is
+//! used.
+//! Source: Welford, Aberrations of Optical Systems, chapters 4.3-4.5. Left out: gratings, tilts, coatings.
+
+use super::scalar::Scalar;
+use crate::design::prescription::shape::Shape;
+
+/// A ray: a point, a unit direction and the optical path length.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Ray<T> {
+    /// A point of the ray, mm.
+    pub p: [T; 3],
+    /// Direction cosines (L, M, N).
+    pub d: [T; 3],
+    /// Optical path length, mm.
+    pub path: T,
+}
+
+/// Reason why a ray ends.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum Stopped {
+    /// No intersection with the surface.
+    Misses,
+    /// Total reflection.
+    Reflected,
+}
+
+/// Convergence limit of Newton's method, mm: 1e-9 of a wavelength.
+const SAG_TOLERANCE_MM: f64 = 1e-13;
+
+impl Shape {
+    /// Moves `ray`, in coordinates of this surface, to its intersection, in a medium of index `n`.
+    ///
+    /// # Errors
+    /// [`Stopped::Misses`].
+    pub fn meet<T: Scalar>(&self, ray: &mut Ray<T>, n: f64) -> Result<(), Stopped> {
+        // First to the vertex plane, so that the quadratic below has small numbers.
+        let mut travelled = -ray.p[2] / ray.d[2];
+        if !travelled.value().is_finite() {
+            return Err(Stopped::Misses);
+        }
+        advance(ray, travelled);
+        if !self.is_flat() {
+            let c = T::of(self.curvature);
+            let k = T::of(self.conic);
+            let [x, y, _] = ray.p;
+            let [l, m, nz] = ray.d;
+            // c (x² + y² + (1+κ) z²) − 2 z = 0 along the ray; t = F / (G + √(G² − A F)), the root that is 0 at c = 0.
+            let f = c * (x * x + y * y);
+            let g = nz - c * (x * l + y * m);
+            let a = c * (T::of(1.0) + k * nz * nz);
+            let root = g * g - a * f;
+            if root.value() < 0.0 || !root.value().is_finite() {
+                return Err(Stopped::Misses);
+            }
+            let t = f / (g + root.sqrt());
+            if !t.value().is_finite() {
+                return Err(Stopped::Misses);
+            }
+            advance(ray, t);
+            travelled = travelled + t;
+            if self.is_aspheric() {
+                travelled = travelled + self.newton(ray)?;
+            }
+        }
+        ray.path = ray.path + T::of(n) * travelled;
+        Ok(())
+    }
+
+    fn newton<T: Scalar>(&self, ray: &mut Ray<T>) -> Result<T, Stopped> {
+        let mut total = T::of(0.0);
+        let mut converged = 0;
+        for _ in 0..50 {
+            let [x, y, z] = ray.p;
+            let (sag, slope) = self.sag(x * x + y * y).ok_or(Stopped::Misses)?;
+            let closing = ray.d[2] - slope * (x * ray.d[0] + y * ray.d[1]);
+            let t = (sag - z) / closing;
+            if !t.value().is_finite() {
+                return Err(Stopped::Misses);
+            }
+            advance(ray, t);
+            total = total + t;
+            // Two steps past convergence: the derivatives converge one step after the value.
+            if t.value().abs() < SAG_TOLERANCE_MM {
+                converged += 1;
+                if converged == 2 {
+                    return Ok(total);
+                }
+            }
+        }
+        Err(Stopped::Misses)
+    }
+
+    /// Sag at distance `r_mm` from the axis, mm; none beyond the edge of a conic.
+    pub fn sag_mm(&self, r_mm: f64) -> Option<f64> {
+        self.sag(r_mm * r_mm).map(|(sag, _)| sag)
+    }
+
+    /// Sag and (1/r) d(sag)/dr at r²; none beyond the edge of a conic.
+    fn sag<T: Scalar>(&self, r2: T) -> Option<(T, T)> {
+        let c = T::of(self.curvature);
+        let root2 = T::of(1.0) - T::of((1.0 + self.conic) * self.curvature * self.curvature) * r2;
+        if root2.value() <= 0.0 {
+            return None;
+        }
+        let root = root2.sqrt();
+        let mut sag = c * r2 / (T::of(1.0) + root);
+        let mut slope = c / root;
+        let mut power = T::of(1.0);
+        for (i, a) in self.aspheric.iter().enumerate() {
+            slope = slope + T::of(2.0 * (i + 1) as f64 * a) * power;
+            power = power * r2;
+            sag = sag + T::of(*a) * power;
+        }
+        // At the vertex r, and with it odd powers, vanish; their slope there is taken as 0.
+        if !self.odd.is_empty() && r2.value() > 0.0 {
+            let mut power = r2.sqrt();
+            for (i, b) in self.odd.iter().enumerate() {
+                sag = sag + T::of(*b) * power;
+                slope = slope + T::of((2 * i + 1) as f64 * b) * power / r2;
+                power = power * r2;
+            }
+        }
+        Some((sag, slope))
+    }
+
+    /// Refracts `ray` at its point on the surface, from index `n1` to `n2`.
+    ///
+    /// # Errors
+    /// [`Stopped::Reflected`], or [`Stopped::Misses`] at the very edge of a conic.
+    pub fn refract<T: Scalar>(&self, ray: &mut Ray<T>, n1: f64, n2: f64) -> Result<(), Stopped> {
+        if n1 == n2 {
+            return Ok(());
+        }
+        let normal = self.normal(ray)?;
+        let mu = T::of(n1 / n2);
+        let cos1 = ray.d[0] * normal[0] + ray.d[1] * normal[1] + ray.d[2] * normal[2];
+        let root = T::of(1.0) - mu * mu * (T::of(1.0) - cos1 * cos1);
+        if root.value() < 0.0 || cos1.value() <= 0.0 {
+            return Err(Stopped::Reflected);
+        }
+        let gamma = root.sqrt() - mu * cos1;
+        for (d, n) in ray.d.iter_mut().zip(normal) {
+            *d = mu * *d + gamma * n;
+        }
+        Ok(())
+    }
+
+    /// Reflects `ray` at its point on the surface; z of the ray is reversed, so that it counts along the light again.
+    ///
+    /// # Errors
+    /// [`Stopped::Misses`] at the very edge of a conic, or where the light does not turn back.
+    pub fn reflect<T: Scalar>(&self, ray: &mut Ray<T>) -> Result<(), Stopped> {
+        let normal = self.normal(ray)?;
+        let [l, m, n] = ray.d;
+        let twice = T::of(2.0) * (l * normal[0] + m * normal[1] + n * normal[2]);
+        ray.d = [l - twice * normal[0], m - twice * normal[1], -(n - twice * normal[2])];
+        ray.p[2] = -ray.p[2];
+        if ray.d[2].value() > 0.0 { Ok(()) } else { Err(Stopped::Misses) }
+    }
+
+    /// Unit normal at the ray's point on the surface, along +z.
+    fn normal<T: Scalar>(&self, ray: &Ray<T>) -> Result<[T; 3], Stopped> {
+        Ok(if self.is_flat() {
+            [T::of(0.0), T::of(0.0), T::of(1.0)]
+        } else if self.conic == 0.0 && !self.is_aspheric() {
+            // The normal of a sphere points to its centre.
+            let c = T::of(self.curvature);
+            let normal = [-c * ray.p[0], -c * ray.p[1], T::of(1.0) - c * ray.p[2]];
+            if normal[2].value() <= 0.0 {
+                return Err(Stopped::Misses);
+            }
+            normal
+        } else {
+            let [x, y, _] = ray.p;
+            let (_, slope) = self.sag(x * x + y * y).ok_or(Stopped::Misses)?;
+            let (nx, ny) = (-slope * x, -slope * y);
+            let length = (nx * nx + ny * ny + T::of(1.0)).sqrt();
+            [nx / length, ny / length, T::of(1.0) / length]
+        })
+    }
+}
+
+fn advance<T: Scalar>(ray: &mut Ray<T>, t: T) {
+    for i in 0..3 {
+        ray.p[i] = ray.p[i] + t * ray.d[i];
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::design::rays::scalar::Dual;
+
+    fn ray(x: f64, y: f64, l: f64, m: f64) -> Ray<f64> {
+        Ray { p: [x, y, -5.0], d: [l, m, (1.0 - l * l - m * m).sqrt()], path: 0.0 }
+    }
+
+    #[test]
+    fn parabola_as_a_conic_equals_parabola_as_an_asphere() {
+        // The parabola c r²/2 as a conic of κ = −1 and as a flat with α1 = c/2.
+        let conic = Shape { curvature: 0.02, conic: -1.0, ..Shape::default() };
+        let asphere = Shape { curvature: 0.0, aspheric: vec![0.01], ..Shape::default() };
+        for (x, y, l, m) in [(3.0, 1.0, 0.1, -0.05), (-8.0, 2.0, 0.2, 0.1), (0.0, 0.0, 0.0, 0.0)] {
+            let (mut a, mut b) = (ray(x, y, l, m), ray(x, y, l, m));
+            conic.meet(&mut a, 1.3).unwrap();
+            asphere.meet(&mut b, 1.3).unwrap();
+            conic.refract(&mut a, 1.3, 1.6).unwrap();
+            asphere.refract(&mut b, 1.3, 1.6).unwrap();
+            for i in 0..3 {
+                assert!((a.p[i] - b.p[i]).abs() < 1e-12 && (a.d[i] - b.d[i]).abs() < 1e-13);
+            }
+            assert!((a.path - b.path).abs() < 1e-12);
+            let r2 = a.p[0] * a.p[0] + a.p[1] * a.p[1];
+            assert!((a.p[2] - 0.01 * r2).abs() < 1e-12);
+        }
+    }
+
+    #[test]
+    fn derivatives_equal_differences_of_neighbouring_rays() {
+        let shape =
+            Shape { curvature: 0.03, conic: 0.4, aspheric: vec![1e-4, -2e-6, 3e-9], odd: vec![0.0, 2e-5] };
+        let go = |x: f64, y: f64| {
+            let mut r = ray(x, y, 0.1, 0.02);
+            shape.meet(&mut r, 1.0).unwrap();
+            shape.refract(&mut r, 1.0, 1.5).unwrap();
+            r
+        };
+        let base = ray(4.0, 1.0, 0.1, 0.02);
+        let mut dual = Ray {
+            p: [Dual::new(4.0, 1.0, 0.0), Dual::new(1.0, 0.0, 1.0), Dual::of(-5.0)],
+            d: base.d.map(Dual::of),
+            path: Dual::of(0.0),
+        };
+        shape.meet(&mut dual, 1.0).unwrap();
+        shape.refract(&mut dual, 1.0, 1.5).unwrap();
+        let h = 1e-5;
+        for i in 0..3 {
+            let dx = (go(4.0 + h, 1.0).d[i] - go(4.0 - h, 1.0).d[i]) / (2.0 * h);
+            let dy = (go(4.0, 1.0 + h).d[i] - go(4.0, 1.0 - h).d[i]) / (2.0 * h);
+            assert!((dx - dual.d[i].d[0]).abs() < 1e-9 && (dy - dual.d[i].d[1]).abs() < 1e-9);
+        }
+        let path = (go(4.0 + h, 1.0).path - go(4.0 - h, 1.0).path) / (2.0 * h);
+        assert!((path - dual.path.d[0]).abs() < 1e-8);
+    }
+
+    #[test]
+    fn ray_without_intersection_and_total_reflection_are_errors() {
+        let ball = Shape { curvature: 0.2, ..Shape::default() };
+        assert_eq!(ball.meet(&mut ray(6.0, 0.0, 0.0, 0.0), 1.0), Err(Stopped::Misses));
+        let mut steep = ray(0.0, 0.0, 0.9, 0.0);
+        Shape::default().meet(&mut steep, 1.5).unwrap();
+        assert_eq!(Shape::default().refract(&mut steep, 1.5, 1.0), Err(Stopped::Reflected));
+    }
+}

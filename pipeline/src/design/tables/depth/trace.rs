@@ -1,0 +1,196 @@
+//! PSFs of a lens at several object distances, on one film plane.
+//!
+//! Each depth node is a trace of its own ([`LensTrace`]) with the object at the node's vergence and a window of its own. Heights and azimuths are chosen
+//! at some nodes; others of a similar blur take those of the last chosen one as long as their errors are about the same
+//! (`adopt` of the choice of nodes, design/grid.rs): most of the PSFs that a trace computes serve that choice.
+//! The tables of the band are those of an object at infinity (heights) and of the vergence in focus (light), see [`crate::lens::depth`]:
+//!
+//! ```text
+//! δ(r) = (h(r, V)/h(r, 0) − 1)·1000/V            at the last node; 0 with paraxial aiming
+//! G(r, V)/G(r, V_f)                              G of [`crate::design::illumination`], on the object side
+//! ```
+//! The vergence in focus is a node, if it lies in the range.
+
+use super::nodes::{NodeOptions, Placement, place};
+use crate::design::prescription::error::DesignError;
+use crate::design::prescription::system::{RayAiming, System};
+use crate::design::rays::paraxial::Paraxial;
+use crate::design::rays::ray::Tracer;
+use crate::design::tables::grid::Chosen;
+use crate::design::tables::trace::{BandReport, LensTrace, OnProgress, TraceOptions};
+use crate::lens::depth::{BandDepth, DepthNode, LensDepth};
+use crate::lens::{Lens, LensBand, PsfStack, linear};
+
+/// Range of object distances and accuracy between them.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct DepthOptions {
+    /// Vergence in focus, 1/m.
+    pub focus: f64,
+    /// Farthest and nearest vergence, 1/m.
+    pub range: (f64, f64),
+    /// Maximum L1 error of a kernel half-way between nodes.
+    pub tolerance: f64,
+}
+
+/// A band traced at its depth nodes, without PSFs.
+#[derive(Clone, Debug, PartialEq)]
+pub struct TracedDepth {
+    /// Tables of the band; its PSF tables are those of the node nearest to focus.
+    pub tables: LensBand,
+    /// Its nodes.
+    pub nodes: BandDepth,
+    /// Errors half-way between nodes.
+    pub placement: Placement,
+    /// Report of every node.
+    pub reports: Vec<BandReport>,
+}
+
+impl TracedDepth {
+    /// The lens of this band alone, with the heads of lens and nodes, and the report of the node nearest to focus.
+    pub fn into_lens(self, (mut lens, mut depth): (Lens, LensDepth)) -> (Lens, BandReport) {
+        let report = self.reports[self.nodes.nearest(depth.focus())];
+        lens.bands.push(self.tables);
+        depth.bands.push(self.nodes);
+        lens.depth = Some(depth);
+        (lens, report)
+    }
+}
+
+/// Head of the depth nodes of `system`, whose film is in focus at `options.focus`; without bands.
+///
+/// # Errors
+/// No first-order properties.
+pub fn header(system: &System, options: &DepthOptions) -> Result<LensDepth, DesignError> {
+    let primary = Paraxial::new(system, system.primary_um())?;
+    let radius_mm = primary.entrance_radius_mm;
+    Ok(LensDepth {
+        focus_distance_m: 1.0 / options.focus,
+        blur_per_dioptre_um: radius_mm * primary.distortion_focal_length_mm.abs(),
+        entrance_pupil_mm: primary.entrance_pupil_mm,
+        entrance_pupil_diameter_mm: 2.0 * radius_mm,
+        tolerance: options.tolerance,
+        bands: Vec::new(),
+    })
+}
+
+/// Blur radii that differ by no more than this, px, or this share of the one where heights and azimuths were chosen, are similar.
+const SIMILAR: (f64, f64) = (6.0, 0.3);
+
+/// Traces band `index` of `trace` at the depth nodes `placement` ([`nodes`], or some of them) and passes the PSFs of each node to `sink`.
+///
+/// # Errors
+/// A ray that does not reach the image; an object too near; [`DesignError::Sink`] for an error of `sink`.
+pub fn band<E: std::fmt::Display>(
+    system: &System,
+    trace: &TraceOptions,
+    index: usize,
+    (options, placement): (&DepthOptions, Placement),
+    on_progress: OnProgress<'_>,
+    mut sink: impl FnMut(usize, &PsfStack) -> Result<(), E>,
+) -> Result<TracedDepth, DesignError> {
+    let nm = trace.wavelengths_nm[index];
+    let blur_px = header(system, options)?.blur_per_dioptre_um / trace.film_pitch_um;
+    let mut chosen: Option<(f64, Chosen)> = None;
+    let far = Dense::new(&system.at_vergence(0.0)?, trace, nm)?;
+    let focused = Dense::new(&system.at_vergence(options.focus)?, trace, nm)?;
+    let in_focus: Vec<f64> = far.real.iter().map(|r| linear(&focused.real, &focused.light, *r)).collect();
+    let (mut list, mut reports, mut shift) = (Vec::new(), Vec::new(), vec![0.0; far.real.len()]);
+    for (d, v) in placement.vergence.iter().enumerate() {
+        let moved = system.at_vergence(*v)?;
+        let lens = LensTrace::new(&moved, trace)?;
+        let blur = blur_px * (v - options.focus);
+        chosen = chosen.filter(|(at, _)| (blur - at).abs() <= SIMILAR.0.max(SIMILAR.1 * at.abs()));
+        let traced = lens.band_at(index, on_progress, |sampled, report| {
+            if let Some((_, chosen)) = &chosen
+                && let Some(adopted) = lens.adopt(sampled, chosen, report)?
+            {
+                return Ok(adopted);
+            }
+            let found = lens.choose(sampled, report)?;
+            chosen = Some((blur, found.clone()));
+            Ok(found)
+        })?;
+        sink(d, &traced.psf).map_err(|e| DesignError::Sink { wavelength_nm: nm, problem: e.to_string() })?;
+        let t = traced.tables;
+        let light: Vec<f64> = t.relative_illumination.iter().map(|r| r * t.solid_angle_sr).collect();
+        let ratio = |(r, in_focus): (&f64, &f64)| linear(&t.image_height_mm, &light, *r) / in_focus;
+        let etendue_ratio = std::iter::zip(&far.real, &in_focus).map(ratio).collect();
+        if d + 1 == placement.vergence.len() && *v > 0.0 && system.aiming == RayAiming::Real {
+            let moved = |(r, h): (&f64, &f64)| linear(&t.image_height_mm, &t.ideal_height_mm, *r) / h - 1.0;
+            let pairs = std::iter::zip(&far.real, &far.ideal).skip(1);
+            shift = std::iter::once(0.0).chain(pairs.map(|p| moved(p) * 1e3 / v)).collect();
+        }
+        reports.push(traced.report);
+        list.push(DepthNode {
+            psf_height_mm: t.psf_height_mm,
+            azimuth_count: t.azimuth_count,
+            psf_energy: t.psf_energy,
+            psf_size: t.psf_size,
+            psf_pitch_um: t.psf_pitch_um,
+            etendue_ratio,
+        });
+    }
+    let nodes = BandDepth { vergence: placement.vergence.clone(), nodes: list, pupil_shift_mm: shift };
+    let mut tables = LensBand {
+        wavelength_nm: nm,
+        relative_illumination: in_focus.iter().map(|g| g / in_focus[0]).collect(),
+        ideal_height_mm: far.ideal,
+        image_height_mm: far.real,
+        psf_height_mm: Vec::new(),
+        azimuth_count: Vec::new(),
+        psf_size: 1,
+        psf_pitch_um: 1.0,
+        psf_energy: Vec::new(),
+        solid_angle_sr: in_focus[0],
+        transmission: 1.0,
+    };
+    nodes.set_psfs(&mut tables, nodes.nearest(options.focus));
+    Ok(TracedDepth { tables, nodes, placement, reports })
+}
+
+/// Depth nodes of band `index` of `trace` over the range of `options`, those on either side of focus apart.
+///
+/// # Errors
+/// A ray that does not reach the image; an object too near.
+pub fn nodes(
+    system: &System,
+    trace: &TraceOptions,
+    index: usize,
+    options: &DepthOptions,
+) -> Result<Placement, DesignError> {
+    let nm = trace.wavelengths_nm[index];
+    let blur_px = header(system, options)?.blur_per_dioptre_um / trace.film_pitch_um;
+    let (first, last) = options.range;
+    let node_options = |range| NodeOptions {
+        range,
+        focus: options.focus,
+        l1_tolerance: options.tolerance,
+        film_pitch_um: trace.film_pitch_um,
+        blur_px,
+        max_window_px: trace.max_window_px,
+    };
+    let heights = [0.0, trace.max_height_mm];
+    let of = |range| place(system, nm / 1e3, &heights, &node_options(range));
+    if !(first < options.focus && options.focus < last) {
+        return of((first, last));
+    }
+    let (far, near) = (of((first, options.focus))?, of((options.focus, last))?);
+    let vergence = far.vergence.iter().chain(&near.vergence[1..]).copied().collect();
+    Ok(Placement { vergence, l1: far.l1.max(near.l1), esf: far.esf.max(near.esf) })
+}
+
+/// Dense tables of a conjugate.
+struct Dense {
+    ideal: Vec<f64>,
+    real: Vec<f64>,
+    /// G, sr.
+    light: Vec<f64>,
+}
+
+impl Dense {
+    fn new(system: &System, trace: &TraceOptions, nm: f64) -> Result<Self, DesignError> {
+        let tracer = Tracer::new(system, nm / 1e3)?;
+        let [ideal, real, light] = LensTrace::new(system, trace)?.dense(&tracer)?;
+        Ok(Self { ideal, real, light })
+    }
+}

@@ -1,0 +1,318 @@
+//! Choice of the heights and azimuth counts of PSF nodes by the error of the kernels interpolated between them.
+//!
+//! The film's kernel is linear in r between heights r_k and linear in θ between the J_k azimuths of each. Between two heights
+//! the error is e_r ≈ C_r (Δr/2)², between two azimuths e_θ ≈ C_θ (π/J)² (L1 norms over the film's pixels, kernels of sum 1).
+//! The number of nodes, Σ J_k, is minimal when both have an equal part of the tolerance. So: measure C_r and C_θ at probing
+//! heights, place nodes accordingly, then compare the kernel at the centre of every cell (half-way in r, and half-way in θ on both
+//! heights: the worst place) with the one traced there; split or refine the cells above the tolerance. The maximum error at
+//! cell centres is recorded as the bound.
+//! Budget: if the tolerance needs more than `max_nodes` nodes, or more samples or PSFs than go with them ([`super::refine`]), spacings grow by a common factor until they fit, which keeps the error equal over the field and so its maximum
+//! minimal; then the cells of the largest errors are refined as far as the budget allows.
+//! Kernels are compared in the window of 95 % of the light ([`super::window`]).
+//! Neighbouring wavelengths need nearly the same nodes: [`adopt`] takes those of another one if a few cells, measured at both, agree.
+//! Rotated PSFs are exact here (the pupil is rotated, not the image); the film's kernels have an additional rotation error.
+
+use std::f64::consts::PI;
+
+use rayon::prelude::*;
+
+use super::kernels::{Kernels, l1, mean};
+use super::options::{Azimuths, PsfHeights, TraceOptions};
+use super::refine::{
+    Budget, CellError, MAX_AZIMUTHS, MIN_PSFS, NodeError, Refinement, max_psfs, max_samples, round_azimuths,
+    summary,
+};
+use crate::design::prescription::error::DesignError;
+use crate::design::pupil::pupils::Pupils;
+
+/// Part of the tolerance for the grid: the rest is for the rotation of kernels, and keeps the median of the error over the film at
+/// half the tolerance (measured: 0.47 % for 1 %).
+const GRID_SHARE: f64 = 0.8;
+/// Numbers of probing heights, and how many PSFs for each the budget must allow.
+const PROBES: [(usize, usize); 3] = [(12, 20), (6, 16), (3, 0)];
+/// Maximum of rounds of checking and refining.
+const MAX_ROUNDS: usize = 6;
+
+/// Cells that are measured before nodes of another wavelength are taken.
+const ADOPTED_CELLS: usize = 4;
+/// Largest error of nodes of another wavelength where the budget limits them, over their error there.
+const ADOPTED_ERROR: f64 = 1.3;
+
+/// Chosen heights and azimuth counts, the errors of the cells between them, and the error bound, if checked.
+#[derive(Clone, Debug)]
+pub(crate) struct Chosen {
+    pub(crate) heights: Vec<f64>,
+    pub(crate) azimuths: Vec<usize>,
+    pub(crate) error: Option<NodeError>,
+    cells: Vec<f64>,
+}
+
+/// Chooses heights from 0 to `last_mm` and their azimuth counts, for PSFs of `side` samples a side.
+pub(crate) fn choose(
+    kernels: &mut Kernels<'_>,
+    pupils: &mut Pupils<'_>,
+    options: &TraceOptions,
+    (last_mm, side): (f64, usize),
+    report: &mut dyn FnMut(&'static str, usize),
+) -> Result<Chosen, DesignError> {
+    let given = match &options.heights {
+        PsfHeights::Given(h) => Some(h.clone()),
+        PsfHeights::ByError => None,
+    };
+    let with_axis = |heights: Vec<f64>, azimuths: Vec<usize>, error, cells| {
+        let azimuths = azimuths.into_iter().enumerate().map(|(k, j)| if k == 0 { 1 } else { j }).collect();
+        Chosen { heights, azimuths, error, cells }
+    };
+    if let (Some(heights), Azimuths::Given(j)) = (&given, options.azimuths) {
+        return Ok(with_axis(heights.clone(), vec![j; heights.len()], None, Vec::new()));
+    }
+    let tolerance = GRID_SHARE * options.psf_tolerance;
+    let part = 0.5 * tolerance;
+    let max_psfs = max_psfs(options, pupils.mean(|f| kernels.grid().work(f)));
+    let allows = |(probes, each): &&(usize, usize)| max_psfs >= probes * each;
+    let probe_count = PROBES.iter().find(allows).map_or(3, |(probes, _)| *probes);
+    let probes: Vec<f64> = (1..=probe_count).map(|i| last_mm * i as f64 / probe_count as f64).collect();
+    report("probing", 0);
+    let azimuth_need = match options.azimuths {
+        Azimuths::Given(j) => vec![j as f64; probe_count],
+        Azimuths::ByError => probe_azimuths(kernels, pupils, &probes, part, report)?,
+    };
+    let spacing = match &given {
+        Some(_) => None,
+        None => Some(probe_heights(kernels, pupils, &probes, part, report)?),
+    };
+    let left = max_psfs.saturating_sub(kernels.len()).max(MIN_PSFS / 2);
+    let (free_heights, free_azimuths) = (given.is_none(), options.azimuths == Azimuths::ByError);
+    let budget = Budget {
+        nodes: options.max_nodes,
+        // A check of K heights traces about 3 K PSFs, the result K.
+        heights: (max_samples(options) / side.pow(2)).min(left / 4).max(3),
+    };
+    // The least factor of the tolerance at which the nodes fit.
+    let mut relaxed = 1.0_f64;
+    let (mut heights, mut azimuths, count) = loop {
+        let scale = relaxed.sqrt();
+        let need: Vec<f64> =
+            azimuth_need.iter().map(|j| if free_azimuths { j / scale } else { *j }).collect();
+        let spacing = spacing.as_ref().map(|s| s.iter().map(|s| s * scale).collect::<Vec<_>>());
+        let heights = match (&given, &spacing) {
+            (None, Some(spacing)) => place(&probes, spacing, last_mm),
+            _ => given.clone().unwrap_or_default(),
+        };
+        let count = {
+            let probes = probes.clone();
+            move |h: f64| round_azimuths(between(&probes, &need, h))
+        };
+        let azimuths: Vec<usize> = heights.iter().map(|h| count(*h)).collect();
+        if budget.holds(&heights, &azimuths, free_heights) || relaxed > 1e4 {
+            break (heights, azimuths, count);
+        }
+        relaxed *= 1.1;
+    };
+    let mut limited = relaxed > 1.0;
+    let goal = tolerance * relaxed;
+    kernels.clear();
+    pupils.keep(&[]);
+    let mut errors = Vec::new();
+    for round in 0..MAX_ROUNDS {
+        let all: Vec<usize> = (1..heights.len()).collect();
+        errors = check(kernels, pupils, (&heights, &azimuths), &all, report)?;
+        let worst = errors.iter().map(|e: &CellError| e.total).fold(0.0, f64::max);
+        if worst <= goal || round + 1 == MAX_ROUNDS {
+            break;
+        }
+        if kernels.len() >= left {
+            limited = true;
+            break;
+        }
+        // The largest errors first, if the budget does not allow all.
+        let mut threshold = goal;
+        let refined = loop {
+            let refine = Refinement { threshold, free_heights, free_azimuths };
+            let refined = refine.apply(&heights, &azimuths, &errors, &count);
+            if refined.0 == heights && refined.1 == azimuths {
+                break None;
+            }
+            if budget.holds(&refined.0, &refined.1, free_heights) {
+                break Some(refined);
+            }
+            limited = true;
+            threshold = (1.1 * threshold).max(threshold + 0.02 * worst);
+        };
+        let Some(refined) = refined else { break };
+        (heights, azimuths) = refined;
+    }
+    let error = summary(&errors, &heights, limited);
+    Ok(with_axis(heights, azimuths, Some(error), errors.iter().map(|e| e.total).collect()))
+}
+
+/// The nodes `other` of a neighbouring wavelength with their error here, estimated from a few cells; none if it exceeds the tolerance and the
+/// error there by too much.
+pub(crate) fn adopt(
+    kernels: &mut Kernels<'_>,
+    pupils: &mut Pupils<'_>,
+    tolerance: f64,
+    other: &Chosen,
+    report: &mut dyn FnMut(&'static str, usize),
+) -> Result<Option<Chosen>, DesignError> {
+    let Some(there) = other.error else { return Ok(None) };
+    let count = other.cells.len();
+    // That of the largest error, and others over the whole field.
+    let worst = (0..count).max_by(|a, b| other.cells[*a].total_cmp(&other.cells[*b])).unwrap_or(0);
+    let mut cells: Vec<usize> = (1..ADOPTED_CELLS).map(|i| i * (count - 1) / (ADOPTED_CELLS - 1)).collect();
+    cells.push(worst);
+    cells.sort_unstable();
+    cells.dedup();
+    let measured: Vec<usize> = cells.iter().map(|cell| cell + 1).collect();
+    let errors = check(kernels, pupils, (&other.heights, &other.azimuths), &measured, report)?;
+    let ratios: Vec<f64> = errors.iter().zip(&cells).map(|(e, cell)| e.total / other.cells[*cell]).collect();
+    let largest = ratios.iter().copied().fold(0.0, f64::max);
+    let mean = ratios.iter().sum::<f64>() / ratios.len() as f64;
+    let error = NodeError { worst: largest * there.worst, median: mean * there.median, ..there };
+    let is_adopted = are_good_enough(tolerance, there.worst, error.worst);
+    Ok(is_adopted.then(|| Chosen { error: Some(error), ..other.clone() }))
+}
+
+/// Whether nodes with the error `there` at the wavelength where they were chosen are taken where it is `here`: within the tolerance, or about as
+/// large as there where the budget did not allow the tolerance.
+fn are_good_enough(tolerance: f64, there: f64, here: f64) -> bool {
+    here <= tolerance || (there > tolerance && here <= ADOPTED_ERROR * there)
+}
+
+/// Errors of `cells`, each by the index of its upper height.
+fn check(
+    kernels: &mut Kernels<'_>,
+    pupils: &mut Pupils<'_>,
+    (heights, azimuths): (&[f64], &[usize]),
+    cells: &[usize],
+    report: &mut dyn FnMut(&'static str, usize),
+) -> Result<Vec<CellError>, DesignError> {
+    let half_step = |k: usize| if k == 0 { 0.0 } else { PI / azimuths[k] as f64 };
+    let mut requested = Vec::new();
+    for &k in cells {
+        requested.push((0.5 * (heights[k - 1] + heights[k]), 0.0));
+        for k in [k - 1, k] {
+            requested.extend([(heights[k], 0.0), (heights[k], half_step(k))]);
+        }
+    }
+    report("checking", kernels.fill(pupils, &requested)?);
+    let kernels = &*kernels;
+    let between = |k: usize| kernels.mean_with_mirror(kernels.at(heights[k], half_step(k)));
+    let angular = |k: usize, mean: &[f32]| l1(mean, kernels.at(heights[k], 0.0));
+    Ok(cells
+        .par_iter()
+        .map(|&k| {
+            let truth = kernels.at(0.5 * (heights[k - 1] + heights[k]), 0.0);
+            let (a, b) = (between(k - 1), between(k));
+            let unrotated = mean(kernels.at(heights[k - 1], 0.0), kernels.at(heights[k], 0.0));
+            CellError {
+                total: l1(&mean(&a, &b), truth),
+                radial: l1(&unrotated, truth),
+                angular: angular(k - 1, &a).max(angular(k, &b)),
+            }
+        })
+        .collect())
+}
+
+/// Azimuths needed at the probing heights for an error of `part`, not rounded.
+fn probe_azimuths(
+    kernels: &mut Kernels<'_>,
+    pupils: &mut Pupils<'_>,
+    probes: &[f64],
+    part: f64,
+    report: &mut dyn FnMut(&'static str, usize),
+) -> Result<Vec<f64>, DesignError> {
+    let mut need = vec![96.0_f64; probes.len()];
+    // The square law holds for small errors only: the second pass starts near the result.
+    for _ in 0..2 {
+        let step = |i: usize, need: &[f64]| PI / need[i];
+        let requested: Vec<(f64, f64)> =
+            probes.iter().enumerate().flat_map(|(i, h)| [(*h, 0.0), (*h, step(i, &need))]).collect();
+        report("probing", kernels.fill(pupils, &requested)?);
+        for (i, h) in probes.iter().enumerate() {
+            let between = kernels.mean_with_mirror(kernels.at(*h, step(i, &need)));
+            let error = l1(&between, kernels.at(*h, 0.0));
+            need[i] = (need[i] * (error / part).sqrt()).clamp(8.0, MAX_AZIMUTHS as f64);
+        }
+    }
+    Ok(need)
+}
+
+/// Spacing of heights [mm] allowed at the probing heights for an error of `part`.
+fn probe_heights(
+    kernels: &mut Kernels<'_>,
+    pupils: &mut Pupils<'_>,
+    probes: &[f64],
+    part: f64,
+    report: &mut dyn FnMut(&'static str, usize),
+) -> Result<Vec<f64>, DesignError> {
+    let last = probes[probes.len() - 1];
+    let mut half = vec![0.25_f64.min(0.25 * probes[0]); probes.len()];
+    for _ in 0..2 {
+        // Within the field, not beyond the axis.
+        let ends = |i: usize, half: &[f64]| {
+            let centre = probes[i].min(last - half[i]).max(half[i]);
+            (centre - half[i], centre, centre + half[i])
+        };
+        let requested: Vec<(f64, f64)> = (0..probes.len())
+            .flat_map(|i| {
+                let (a, c, b) = ends(i, &half);
+                [(a, 0.0), (c, 0.0), (b, 0.0)]
+            })
+            .collect();
+        report("probing", kernels.fill(pupils, &requested)?);
+        for i in 0..probes.len() {
+            let (a, c, b) = ends(i, &half);
+            let error = l1(&mean(kernels.at(a, 0.0), kernels.at(b, 0.0)), kernels.at(c, 0.0));
+            half[i] = (half[i] * (part / error.max(1e-9)).sqrt()).clamp(last * 1e-4, 0.2 * last);
+        }
+    }
+    Ok(half.into_iter().map(|h| 2.0 * h).collect())
+}
+
+/// Heights from 0 to `last` whose spacing follows `spacing` at `probes`.
+fn place(probes: &[f64], spacing: &[f64], last: f64) -> Vec<f64> {
+    // Integral of cells per mm; then the heights that divide it into equal parts.
+    let fine = 4000;
+    let step = last / f64::from(fine);
+    let mut sums = vec![0.0];
+    for i in 0..fine {
+        let r = (f64::from(i) + 0.5) * step;
+        sums.push(sums[i as usize] + step / between(probes, spacing, r));
+    }
+    let total = sums[fine as usize];
+    let cells = (total * 1.02).ceil().max(2.0);
+    let mut heights = vec![0.0];
+    let mut at = 0;
+    for k in 1..cells as usize {
+        let target = total * k as f64 / cells;
+        while sums[at + 1] < target {
+            at += 1;
+        }
+        heights.push(step * (at as f64 + (target - sums[at]) / (sums[at + 1] - sums[at])));
+    }
+    heights.push(last);
+    heights
+}
+
+/// Linear between the points, constant beyond.
+fn between(x: &[f64], y: &[f64], at: f64) -> f64 {
+    let i = x.partition_point(|v| *v < at);
+    match i {
+        0 => y[0],
+        _ if i == x.len() => y[i - 1],
+        _ => y[i - 1] + (y[i] - y[i - 1]) * (at - x[i - 1]) / (x[i] - x[i - 1]),
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn nodes_of_another_wavelength_stay_within_the_tolerance_that_they_had() {
+        assert!(are_good_enough(0.01, 0.008, 0.01));
+        assert!(!are_good_enough(0.01, 0.008, 0.0101), "less than 1.3 times the error there");
+        assert!(are_good_enough(0.01, 0.02, 0.025) && !are_good_enough(0.01, 0.02, 0.027));
+    }
+}

@@ -1,0 +1,368 @@
+//! From a prescription to the tables of a [`Lens`], one band at a time.
+//!
+//! Per band: dense chief-ray heights and RI; one sample pitch, film pitch / m with the minimum m that is 10 % finer than the
+//! Nyquist pitch λN/2 of the fastest, max oblique cone; one window, the minimum odd number of film pixels that contains the share
+//! `energy` of the energy of every sampled field point; then the PSFs, at heights and azimuth counts that `grid`
+//! chooses by the error of kernels in a smaller window (`window`). Heights are REAL image heights in mm. Samples of one band at a time are in memory.
+//! The same bits for any number of threads: each PSF is summed by one thread in a fixed order.
+//! Left out: transmission (1), and energy outside the window, whose share is recorded.
+
+use rayon::prelude::*;
+
+pub use super::estimate::Estimate;
+use super::grid::{self, Chosen};
+use super::kernels::Kernels;
+pub use super::options::{Azimuths, MAX_NODES, PsfHeights, TraceOptions};
+pub use super::refine::NodeError;
+pub use super::shared_nodes::{SharedNodes, node_wavelengths};
+use super::window::{Windows, core_samples, half_samples, window};
+use crate::design::prescription::error::DesignError;
+use crate::design::prescription::system::System;
+use crate::design::psf::pupil_stack::{PupilStack, normalise};
+use crate::design::psf::{PsfGrid, PsfScratch, PupilFunction};
+use crate::design::pupil::illumination::irradiance_table;
+use crate::design::pupil::pupils::Pupils;
+use crate::design::rays::paraxial::Paraxial;
+use crate::design::rays::ray::Tracer;
+use crate::lens::{Lens, LensBand, PsfSample, PsfStack};
+
+/// Incremented when the results for the same design and options change.
+pub const TRACER_VERSION: u32 = 8;
+/// Incremented when nodes or windows for the same design and options change, which packs with pupil functions have stored.
+pub const NODES_VERSION: u32 = 2;
+
+/// Runs `work` with `threads` threads for its rays and sums; the results do not depend on their number.
+pub fn with_threads<T: Send>(threads: usize, work: impl FnOnce() -> T + Send) -> T {
+    match rayon::ThreadPoolBuilder::new().num_threads(threads).build() {
+        Ok(pool) => pool.install(work),
+        // New threads cannot be created: the existing ones are used.
+        Err(_) => work(),
+    }
+}
+
+/// Progress of a trace.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub struct Progress {
+    /// Current band, from 0.
+    pub band: usize,
+    /// Number of bands.
+    pub bands: usize,
+    /// Current step.
+    pub step: &'static str,
+    /// PSFs of this band so far.
+    pub psfs: usize,
+}
+
+/// Progress callback, called on the calling thread.
+pub type OnProgress<'a> = &'a mut dyn FnMut(Progress);
+
+/// A traced band.
+#[derive(Clone, Debug, PartialEq)]
+pub struct TracedBand {
+    /// Its tables.
+    pub tables: LensBand,
+    /// Its PSFs.
+    pub psf: PsfStack,
+    /// The pupil functions of its PSFs.
+    pub pupils: PupilStack,
+    /// Report on the choice of window and nodes.
+    pub report: BandReport,
+}
+
+/// Report on the choice of a band's window and nodes.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct BandReport {
+    /// Wavelength, nm.
+    pub wavelength_nm: f64,
+    /// L1 errors at cell centres; `None` if heights and azimuths were given.
+    pub psf_error: Option<NodeError>,
+    /// Window, film pixels.
+    pub window_px: usize,
+    /// Minimum over heights of the share of energy in the window.
+    pub min_energy: f64,
+    /// PSFs computed.
+    pub psfs: usize,
+}
+
+/// What PSFs of a wavelength are computed with.
+pub(super) struct Sampled<'t> {
+    pub(super) pupils: Pupils<'t>,
+    last_mm: f64,
+    /// Window and samples of the PSFs, and those for the choice of nodes.
+    window_px: usize,
+    grid: PsfGrid,
+    pub(super) core_px: usize,
+    pub(super) core: PsfGrid,
+}
+
+/// Trace of a lens.
+#[derive(Debug)]
+pub struct LensTrace<'a> {
+    pub(super) system: &'a System,
+    pub(super) options: &'a TraceOptions,
+    primary: Paraxial,
+}
+
+impl<'a> LensTrace<'a> {
+    /// Checks options, glasses, first-order optics and the maximum height.
+    ///
+    /// # Errors
+    /// An option out of range; an error of first-order optics or of a glass; a height that the lens does not reach.
+    pub fn new(system: &'a System, options: &'a TraceOptions) -> Result<Self, DesignError> {
+        options.check()?;
+        let primary = Paraxial::new(system, system.primary_um())?;
+        primary.check_image()?;
+        for nm in &options.wavelengths_nm {
+            Tracer::new(system, nm / 1e3)?.field_of_height(options.max_height_mm)?;
+        }
+        Ok(Self { system, options, primary })
+    }
+
+    /// The lens without its bands.
+    pub fn header(&self) -> Lens {
+        header(self.system, &self.primary)
+    }
+
+    /// Traces band `index`, with nodes of its own.
+    ///
+    /// # Errors
+    /// A ray that does not reach the image.
+    pub fn band(&self, index: usize, on_progress: OnProgress<'_>) -> Result<TracedBand, DesignError> {
+        self.band_at(index, on_progress, |sampled, report| self.choose(sampled, report))
+    }
+
+    /// Traces band `index` with nodes of `shared`, which belong to its wavelength, not to the other bands that are traced.
+    ///
+    /// # Errors
+    /// As [`LensTrace::band`].
+    pub fn band_sharing(
+        &self,
+        index: usize,
+        shared: &mut SharedNodes,
+        on_progress: OnProgress<'_>,
+    ) -> Result<TracedBand, DesignError> {
+        let nm = self.options.wavelengths_nm[index];
+        self.band_at(index, on_progress, |sampled, report| shared.choose(self, nm, sampled, report))
+    }
+
+    /// Traces band `index` with nodes that `choose` selects.
+    pub(super) fn band_at(
+        &self,
+        index: usize,
+        on_progress: OnProgress<'_>,
+        choose: impl FnOnce(&mut Sampled<'_>, &mut dyn FnMut(&'static str, usize)) -> Result<Chosen, DesignError>,
+    ) -> Result<TracedBand, DesignError> {
+        let options = self.options;
+        let nm = options.wavelengths_nm[index];
+        let tracer = Tracer::new(self.system, nm / 1e3)?;
+        let mut psfs = 0;
+        let mut report_step = |step, computed: usize| {
+            psfs += computed;
+            on_progress(Progress { band: index, bands: options.wavelengths_nm.len(), step, psfs });
+        };
+        report_step("chief rays", 0);
+        let [ideal, real, light] = self.dense(&tracer)?;
+        let mut sampled = self.sampled(&tracer, &mut report_step)?;
+        let chosen = choose(&mut sampled, &mut report_step)?;
+        let Sampled { mut pupils, grid, window_px, .. } = sampled;
+        report_step("PSFs", 0);
+        pupils.keep(&chosen.heights);
+        pupils.prepare(chosen.heights.iter().copied())?;
+        let stack = stack(&pupils, &grid, &chosen.heights);
+        report_step("PSFs", chosen.heights.len());
+        let pupils = PupilStack::new(&grid, pupils.into_functions(&chosen.heights));
+        let report = BandReport {
+            wavelength_nm: nm,
+            psf_error: chosen.error,
+            window_px,
+            min_energy: stack.1.iter().copied().fold(1.0, f64::min),
+            psfs,
+        };
+        let tables = LensBand {
+            wavelength_nm: nm,
+            ideal_height_mm: ideal,
+            image_height_mm: real,
+            relative_illumination: light.iter().map(|g| g / light[0]).collect(),
+            psf_height_mm: chosen.heights,
+            azimuth_count: chosen.azimuths,
+            psf_size: grid.size(),
+            psf_pitch_um: grid.pitch_um(),
+            psf_energy: stack.1,
+            solid_angle_sr: light[0],
+            transmission: 1.0,
+        };
+        Ok(TracedBand { tables, psf: stack.0, pupils, report })
+    }
+
+    /// Pupil functions, samples and windows of a wavelength.
+    pub(super) fn sampled<'t>(
+        &self,
+        tracer: &'t Tracer<'t>,
+        report: &mut dyn FnMut(&'static str, usize),
+    ) -> Result<Sampled<'t>, DesignError> {
+        let options = self.options;
+        let last_mm = match &options.heights {
+            PsfHeights::ByError => options.max_height_mm,
+            PsfHeights::Given(h) => h.last().copied().unwrap_or(0.0),
+        };
+        report("window", 0);
+        // Those of the kernels that are examined first.
+        let heights: Vec<f64> = (0..=12).map(|i| last_mm * f64::from(i) / 12.0).collect();
+        let pupils = Pupils::new(tracer, &heights)?;
+        let pitch_um = self.pitch(heights.iter().map(|h| pupils.at(*h)))?;
+        let Windows { px: window_px, core_px } = match options.window_px {
+            Some(px) => Windows { px, core_px: px },
+            None => window(options, tracer, (&heights, &pupils), pitch_um)?,
+        };
+        report("window", if options.window_px.is_some() { 0 } else { heights.len() });
+        let grid = PsfGrid::new(half_samples(window_px, options.film_pitch_um, pitch_um), pitch_um);
+        let (core_half, core_pitch_um) = core_samples(core_px, options.film_pitch_um, pitch_um);
+        let core = PsfGrid::new(core_half, core_pitch_um);
+        Ok(Sampled { pupils, last_mm, window_px, grid, core_px, core })
+    }
+
+    /// Chooses nodes at the wavelength of `sampled`.
+    pub(super) fn choose(
+        &self,
+        sampled: &mut Sampled<'_>,
+        report: &mut dyn FnMut(&'static str, usize),
+    ) -> Result<Chosen, DesignError> {
+        let Sampled { pupils, last_mm, grid, core_px, core, .. } = sampled;
+        let mut kernels = Kernels::new(core, *core_px, self.options.film_pitch_um);
+        grid::choose(&mut kernels, pupils, self.options, (*last_mm, grid.size()), report)
+    }
+
+    /// The nodes `other` of a similar band if their error is about the same here ([`grid::adopt`]), else none.
+    pub(super) fn adopt(
+        &self,
+        sampled: &mut Sampled<'_>,
+        other: &Chosen,
+        report: &mut dyn FnMut(&'static str, usize),
+    ) -> Result<Option<Chosen>, DesignError> {
+        let Sampled { pupils, core_px, core, .. } = sampled;
+        let mut kernels = Kernels::new(core, *core_px, self.options.film_pitch_um);
+        grid::adopt(&mut kernels, pupils, self.options.psf_tolerance, other, report)
+    }
+
+    /// Ideal heights, real heights and G of [`crate::design::illumination`], evenly spaced in ideal height.
+    pub(super) fn dense(&self, tracer: &Tracer<'_>) -> Result<[Vec<f64>; 3], DesignError> {
+        let last = tracer.field_of_height(self.options.max_height_mm)?;
+        let points = self.options.field_points;
+        let tans: Vec<f64> = (0..points).map(|i| last * i as f64 / (points - 1) as f64).collect();
+        let real: Result<Vec<f64>, DesignError> =
+            tans.par_iter().map(|t| tracer.chief_height_mm(*t)).collect();
+        let mut real = real?;
+        real[0] = 0.0;
+        if let Some(i) = real.windows(2).position(|w| w[1] <= w[0]) {
+            return Err(DesignError::Height {
+                requested_mm: self.options.max_height_mm,
+                reached_mm: real[i],
+                wavelength_um: tracer.wavelength_um,
+                problem: "the real image height folds back".to_owned(),
+            });
+        }
+        let light = irradiance_table(tracer, &tans)?;
+        Ok([tans.iter().map(|t| t * tracer.ideal_scale_mm()).collect(), real, light])
+    }
+
+    fn pitch<'p>(&self, pupils: impl Iterator<Item = &'p PupilFunction>) -> Result<f64, DesignError> {
+        let nyquist = pupils.map(PupilFunction::nyquist_um).fold(f64::INFINITY, f64::min);
+        match self.options.psf_pitch_um {
+            Some(pitch) if pitch > nyquist => Err(DesignError::Option {
+                option: "psf pitch",
+                value: format!("{pitch} µm"),
+                expected: "one finer than Nyquist, λN/2 of the widest cone",
+            }),
+            Some(pitch) => Ok(pitch),
+            None => Ok(self.options.film_pitch_um / (self.options.film_pitch_um / (0.9 * nyquist)).ceil()),
+        }
+    }
+}
+
+/// The lens of `system` without bands.
+///
+/// # Errors
+/// No first-order properties.
+pub fn lens_header(system: &System) -> Result<Lens, DesignError> {
+    Ok(header(system, &Paraxial::new(system, system.primary_um())?))
+}
+
+fn header(system: &System, primary: &Paraxial) -> Lens {
+    Lens {
+        name: system.name.clone(),
+        distortion_focal_length_mm: primary.distortion_focal_length_mm.abs(),
+        // An afocal relay has none.
+        effective_focal_length_mm: Some(primary.effective_focal_length_mm.abs())
+            .filter(|f| f.is_finite())
+            .unwrap_or(primary.distortion_focal_length_mm.abs()),
+        f_number: match system.is_telecentric {
+            true => primary.working_f_number(),
+            false => primary.image_f_number(),
+        },
+        primary_wavelength_nm: system.primary_um() * 1e3,
+        object_distance_mm: system.object_distance_mm,
+        magnification: primary.film_magnification(system.object_distance_mm),
+        psf_sample: PsfSample::Point,
+        bands: Vec::new(),
+        depth: None,
+    }
+}
+
+/// Traces all bands and passes each to `sink`; returns the lens with all tables, without PSFs.
+///
+/// ```
+/// use lenscube_pipeline::design::{System, TraceOptions, trace_lens};
+///
+/// // Tables and PSFs of the built-in lens at 550 nm, up to 0.3 mm from the axis.
+/// let options = TraceOptions::new(vec![550.0], 0.3);
+/// let mut stacks = vec![];
+/// let lens = trace_lens(&System::double_gauss_28(), &options, &mut |_| (), |_, band| {
+///     stacks.push(band.psf);
+///     Ok::<(), String>(())
+/// })?;
+/// assert!((lens.effective_focal_length_mm - 99.5).abs() < 0.01);
+/// // The PSF on the axis has sum 1 and its maximum in the middle sample.
+/// let psf = stacks[0].window(0);
+/// assert!((psf.iter().sum::<f32>() - 1.0).abs() < 1e-5);
+/// assert!(psf.iter().all(|&v| v <= psf[psf.len() / 2]));
+/// # Ok::<(), lenscube_pipeline::design::DesignError>(())
+/// ```
+///
+/// # Errors
+/// As [`LensTrace::new`] and [`LensTrace::band`]; [`DesignError::Sink`] for an error of `sink`.
+pub fn trace_lens<E: std::fmt::Display>(
+    system: &System,
+    options: &TraceOptions,
+    on_progress: OnProgress<'_>,
+    mut sink: impl FnMut(usize, TracedBand) -> Result<(), E>,
+) -> Result<Lens, DesignError> {
+    let trace = LensTrace::new(system, options)?;
+    let (mut lens, mut shared) = (trace.header(), SharedNodes::default());
+    for (i, nm) in options.wavelengths_nm.iter().enumerate() {
+        let band = trace.band_sharing(i, &mut shared, on_progress)?;
+        lens.bands.push(band.tables.clone());
+        sink(i, band).map_err(|e| DesignError::Sink { wavelength_nm: *nm, problem: e.to_string() })?;
+    }
+    Ok(lens)
+}
+
+/// The PSFs at `heights`, each of sum 1, and their shares of energy in the window.
+fn stack(pupils: &Pupils<'_>, grid: &PsfGrid, heights: &[f64]) -> (PsfStack, Vec<f64>) {
+    let n = grid.size();
+    let mut stack = PsfStack {
+        size: n,
+        pitch_um: grid.pitch_um(),
+        sample: PsfSample::Point,
+        samples: vec![0.0; n * n * heights.len()],
+    };
+    let energy = stack
+        .samples
+        .par_chunks_exact_mut(n * n)
+        .zip(heights)
+        .map_init(<(PsfScratch, Vec<f32>)>::default, |(scratch, psf), (out, h)| {
+            grid.psf_into(pupils.at(*h), 0.0, scratch, psf);
+            normalise(psf, out)
+        })
+        .collect();
+    (stack, energy)
+}

@@ -1,0 +1,168 @@
+//! Choice of the PSF window of a band: the minimum odd number of film pixels that contains the requested share of the light of every
+//! sampled field point.
+//!
+//! Limits: the maximum window; and the samples that the budget of the band allows ([`super::refine`]), as long as the share of the light
+//! does not fall below 95 % (or the request) by that. A window of the maximum size that contains less is an error.
+//! Nodes are chosen by the errors of kernels in a smaller window, of 95 % of the light: it needs a fifth of the samples where diffraction
+//! determines the windows, and the light that it leaves out has errors of the same relative size.
+//! The shares are sums of PSFs sampled 1.5 times coarser than those of the pack, still finer than the field's own Nyquist pitch, so the
+//! sums equal the integrals of |U|² but for the samples at the edges of the squares, between which they are interpolated.
+
+use rayon::prelude::*;
+
+use super::options::TraceOptions;
+use super::refine::max_side;
+use crate::design::prescription::error::DesignError;
+use crate::design::psf::{PsfGrid, PsfScratch};
+use crate::design::pupil::bundle::Bundle;
+use crate::design::pupil::pupils::Pupils;
+use crate::design::rays::ray::Tracer;
+
+/// Share of the light that a limited window may leave out without `energy` being set lower.
+const MAX_LEFT_OUT: f64 = 0.05;
+/// Pitch of the samples here over that of the pack's.
+const COARSER: f64 = 1.5;
+/// Share of the light in the window in which errors of kernels are measured.
+const CORE_LIGHT: f64 = 0.95;
+
+/// Samples to either side and pitch [µm] of PSFs whose kernels of `core_px` pixels are compared, not kept: coarser than `pitch_um` where a film
+/// pixel has at least two samples a side.
+pub(super) fn core_samples(core_px: usize, film_pitch_um: f64, pitch_um: f64) -> (usize, f64) {
+    let coarse_um = (COARSER * pitch_um).min(0.5 * film_pitch_um).max(pitch_um);
+    (half_samples(core_px, film_pitch_um, coarse_um), coarse_um)
+}
+
+/// Side of the window that is examined first, at least, and by how much it exceeds the estimate from rays, µm; on pixels below [`FINE_UM`] as many pixels
+/// as on those.
+const FIRST_UM: f64 = 130.0;
+const SPARE_UM: f64 = 16.0;
+/// Pixels up to which the window that is examined first is in pixels, µm.
+const FINE_UM: f64 = 2.0;
+
+/// Windows of a band, odd numbers of film pixels.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub(super) struct Windows {
+    /// That of its PSFs.
+    pub(super) px: usize,
+    /// That in which errors of kernels are measured.
+    pub(super) core_px: usize,
+}
+
+/// The windows of a band.
+pub(super) fn window(
+    options: &TraceOptions,
+    tracer: &Tracer<'_>,
+    (heights, pupils): (&[f64], &Pupils<'_>),
+    pitch_um: f64,
+) -> Result<Windows, DesignError> {
+    let (film, max) = (options.film_pitch_um, options.max_window_px);
+    let allowed = options.energy.min(1.0 - MAX_LEFT_OUT);
+    let fail = |height_mm: f64, held: f64| {
+        let (requested, wavelength_um) = (allowed, tracer.wavelength_um);
+        DesignError::Window { max_px: max, height_mm, wavelength_um, held, requested }
+    };
+    let bundles: Vec<(f64, Bundle)> = heights
+        .par_iter()
+        .step_by(3)
+        .map(|h| Ok((*h, Bundle::trace(tracer, tracer.field_of_height(*h)?, 12, 16)?)))
+        .collect::<Result<_, DesignError>>()?;
+    let widest = |b: &Bundle| b.light_outside(0.5 * film * max as f64);
+    let worst = bundles.iter().max_by(|a, b| widest(&a.1).total_cmp(&widest(&b.1)));
+    // Clearly too wide by the estimate: no PSF is computed.
+    if let Some((height, bundle)) = worst
+        && 1.0 - widest(bundle) < allowed - 0.05
+    {
+        return Err(fail(*height, 1.0 - widest(bundle)));
+    }
+    let budget = odd_pixels(max_side(options), pitch_um, film).min(max);
+    let expected = expected(options, bundles.iter().map(|(_, b)| b), pitch_um).px;
+    let spare = |um: f64, least: f64| (um / film).clamp(least, um / FINE_UM) as usize;
+    let first = spare(FIRST_UM, 9.0);
+    let mut px = (expected + expected / 4 + spare(SPARE_UM, 2.0)).clamp(first, max.max(first)).min(max) | 1;
+    loop {
+        let coarse_um = COARSER * pitch_um;
+        let grid = PsfGrid::new(half_samples(px, film, coarse_um) + 1, coarse_um);
+        let shares: Vec<Vec<f64>> = heights
+            .par_iter()
+            .map_init(<(PsfScratch, Vec<f32>)>::default, |(scratch, psf), h| {
+                grid.psf_into(pupils.at(*h), 0.0, scratch, psf);
+                let held = squares(psf, grid.size());
+                (0..=px / 2).map(|i| within(&held, (2 * i + 1) as f64 * film / coarse_um)).collect()
+            })
+            .collect();
+        let least = |energy: f64| {
+            let one = |held: &Vec<f64>| (1..=px / 2).find(|i| held[*i] >= energy).map(|i| 2 * i + 1);
+            shares.iter().try_fold(3, |widest, held| one(held).map(|w| widest.max(w)))
+        };
+        let core_px = least(options.energy.min(CORE_LIGHT)).map_or(px, |w| w + 2);
+        let windows = |px: usize| Windows { px, core_px: core_px.min(px) };
+        let found = match (least(options.energy), least(allowed)) {
+            (Some(w), _) if w <= budget => Some(w),
+            (_, Some(w)) if w.max(budget) < px => Some(w.max(budget)),
+            (requested, _) => requested,
+        };
+        let (height, held) = heights
+            .iter()
+            .zip(&shares)
+            .map(|(h, held)| (*h, held[px / 2]))
+            .fold((0.0, 1.0), |a, b| if b.1 < a.1 { b } else { a });
+        match found {
+            // Margin for field points between the sampled ones.
+            Some(w) => return Ok(windows((w + 2).min(max))),
+            None if px >= max && held < allowed => return Err(fail(height, held)),
+            None if px >= max => return Ok(windows(max)),
+            None => px = (2 * px - 1).min(max),
+        }
+    }
+}
+
+/// The windows as estimated from rays.
+pub(super) fn expected<'b>(
+    options: &TraceOptions,
+    bundles: impl Iterator<Item = &'b Bundle> + Clone,
+    pitch_um: f64,
+) -> Windows {
+    let (film, max) = (options.film_pitch_um, options.max_window_px);
+    let guess = |energy: f64| {
+        bundles.clone().map(|b| b.window_px(energy, film, max).unwrap_or(max)).max().unwrap_or(max)
+    };
+    let budget = odd_pixels(max_side(options), pitch_um, film).min(max);
+    let px = guess(options.energy).min(guess(options.energy.min(1.0 - MAX_LEFT_OUT)).max(budget));
+    Windows { px, core_px: guess(options.energy.min(CORE_LIGHT)).min(px) }
+}
+
+/// Samples to either side of the centre in a window of `px` film pixels.
+pub(super) fn half_samples(px: usize, film_pitch_um: f64, pitch_um: f64) -> usize {
+    ((px as f64 * film_pitch_um / pitch_um - 1.0 + 1e-9) / 2.0).floor() as usize
+}
+
+/// Maximum odd number of film pixels, at least 3, that `side` samples cover.
+fn odd_pixels(side: usize, pitch_um: f64, film_pitch_um: f64) -> usize {
+    (((side as f64 * pitch_um / film_pitch_um) as usize).max(4) - 1) | 1
+}
+
+/// Share in the centred square of 2i + 1 samples a side, for every i.
+fn squares(psf: &[f32], n: usize) -> Vec<f64> {
+    let half = n / 2;
+    let mut rings = vec![0.0; half + 1];
+    for (y, row) in psf.chunks_exact(n).enumerate() {
+        for (x, v) in row.iter().enumerate() {
+            rings[y.abs_diff(half).max(x.abs_diff(half))] += f64::from(*v);
+        }
+    }
+    rings
+        .iter()
+        .scan(0.0, |sum, r| {
+            *sum += r;
+            Some(*sum)
+        })
+        .collect()
+}
+
+/// Share in the centred square of `side` samples a side, interpolated between `squares`.
+fn within(squares: &[f64], side: f64) -> f64 {
+    let at = (0.5 * (side - 1.0)).max(0.0);
+    let i = (at as usize).min(squares.len() - 1);
+    let next = squares[(i + 1).min(squares.len() - 1)];
+    squares[i] + (at - i as f64).min(1.0) * (next - squares[i])
+}
