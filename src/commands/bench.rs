@@ -2,7 +2,9 @@
 //!
 //! Every figure is a median over rounds. Rates of stages use all threads, those of codecs one core. The job is a `lenscube run` in a
 //! separate process, store to store, on a chart with 1 % noise. Its bound is
-//!     max(disk, core seconds / cores),   disk = bytes read / read rate + bytes written / write rate
+//! ```text
+//! max(disk, core seconds / cores),   disk = bytes read / read rate + bytes written / write rate
+//! ```
 //! with the rates measured on the same disk, and the core seconds of all stages from the record of the run. Stages in memory are
 //! compared with bounds of their arithmetic and traffic ([`bounds`]); a job that cannot run is reported with the reason.
 

@@ -1,7 +1,9 @@
 //! Two reports of `lenscube bench --json` side by side, and a forecast of the first one's job on the machine of the second.
 //!
-//!     core seconds on B = Σ over stages  core seconds on A · (rate on A / rate on B)      rates of one thread
-//!     forecast = (time over bound on A) · max(disk on B, core seconds on B / threads of B)
+//! ```text
+//! core seconds on B = Σ over stages  core seconds on A · (rate on A / rate on B)      rates of one thread
+//! forecast = (time over bound on A) · max(disk on B, core seconds on B / threads of B)
+//! ```
 //! The rate of a stage is that of its benchmark: reading as decoding, preparing as making kernels, and adding and writing as copying
 //! memory. Left out: GPUs, and that threads share caches and memory in other ways on the two machines.
 

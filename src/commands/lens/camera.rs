@@ -2,10 +2,12 @@
 //!
 //! The chart is what a pinhole at the centre of the entrance pupil (paraxial, primary wavelength) sees along the axis, on the ideal image plane:
 //!
-//!     x = f_D·tan(angle)                     f_D: distortion focal length of the film in focus, mm
-//!     n = film + 2·overscan                  pixels of the chart, of the film's pitch p
-//!     overscan = max(ideal − real)/p + m     over the film's border and the design's wavelengths: distortion; m: half a PSF window
-//!     field of view = 2·atan(n·p/(2 f_D))
+//! ```text
+//! x = f_D·tan(angle)                     f_D: distortion focal length of the film in focus, mm
+//! n = film + 2·overscan                  pixels of the chart, of the film's pitch p
+//! overscan = max(ideal − real)/p + m     over the film's border and the design's wavelengths: distortion; m: half a PSF window
+//! field of view = 2·atan(n·p/(2 f_D))
+//! ```
 //! m = 1.2 ρ + 12 px for a blur of radius ρ, as windows of depth nodes, else 64 px.
 //!
 //! Conventions of renderers: Blender's lens and sensor width have the ratio f_D : n·p, its Z pass is the distance along the axis. PBRT's fov is that of the

@@ -1,12 +1,14 @@
 //! Attribution of the difference between a measured and an expected edge spread function to the steps of the simulation.
 //!
 //! The expected curve is computed again with one step after another replaced by the data of the run:
-//!     sampling  PSF and apertures integrated over the plane instead of summed over entire pixels as chart and film are: a limit
-//!               of the pixel pitch, reported but not counted as an error;
-//!     heights   PSFs of the run, linear between their heights, instead of the PSF at the field point;
-//!     kernels   weighted mean of the neighbouring node kernels of the run (linear between heights, rotated to the azimuths of
-//!               the nodes, integrated over the film pixel) instead of the PSF at the field point;
-//!     rest      remaining difference to the film: the remap, and the change of the PSF within its window.
+//! ```text
+//! sampling  PSF and apertures integrated over the plane instead of summed over entire pixels as chart and film are: a limit
+//!           of the pixel pitch, reported but not counted as an error;
+//! heights   PSFs of the run, linear between their heights, instead of the PSF at the field point;
+//! kernels   weighted mean of the neighbouring node kernels of the run (linear between heights, rotated to the azimuths of
+//!           the nodes, integrated over the film pixel) instead of the PSF at the field point;
+//! rest      remaining difference to the film: the remap, and the change of the PSF within its window.
+//! ```
 //! Each figure is the largest change of the curve by that step.
 
 use super::reference::{Psf, shares};

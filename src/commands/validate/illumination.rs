@@ -7,7 +7,9 @@
 //!
 //! With the PSF stage the film of a uniform chart is not R: every pixel scatters its own PSF, with radial centroid c(r) from the
 //! chief ray and second moments m(r) (radial) and n(r) (tangential), so to second order (a Taylor series of the scattered light)
-//!     film/R − 1 = −(1/R)·div(R·c r̂) + ½(1/R)·div div(R·M) = (1/(R·r))·[−(r·R·c)′ + ½(r·R·m)″ − ½(R·n)′]
+//! ```text
+//! film/R − 1 = −(1/R)·div(R·c r̂) + ½(1/R)·div div(R·M) = (1/(R·r))·[−(r·R·c)′ + ½(r·R·m)″ − ½(R·n)′]
+//! ```
 //! with c, m, n from the moments of the reference PSFs. For the Double Gauss the first term is 1e-3 and the second 1e-5 at 410 nm,
 //! where it is far out of focus. The remaining difference there is 2e-5, at most 6e-5 over all bands. Its cause is not known; it is
 //! neither the linear interpolation of the PSFs between heights nor the rotation of the window with azimuth.

@@ -1,6 +1,8 @@
 //! Reference lens interpolated over the REAL heights of one film region, to map each of its pixels to the chart:
 //!
-//!     chart position = chart centre + (film position − axis)·h(r)/r
+//! ```text
+//! chart position = chart centre + (film position − axis)·h(r)/r
+//! ```
 //! h/r and R are smooth: barycentric interpolation through ten Chebyshev points (Berrut & Trefethen, SIAM Review 46, 2004) is
 //! exact to 1e-9 over a few mm, so a region costs ten chief rays instead of one per pixel.
 

@@ -4,7 +4,9 @@
 //! neighbours a, b (left and right, or above and below) whose blur differs by more than [`EDGE_PX`], apart from both by more than [`APART_PX`]: the
 //! last pixel of a curved surface before its silhouette lies between its neighbours as well, but close to one.
 //!
-//!     (V − V_a)·(V − V_b) < 0,   |V_a − V_b|·s > 2 px,   |V − V_a|·s > 0.5 px,   |V − V_b|·s > 0.5 px,   s: blur per dioptre
+//! ```text
+//! (V − V_a)·(V − V_b) < 0,   |V_a − V_b|·s > 2 px,   |V − V_a|·s > 0.5 px,   |V − V_b|·s > 0.5 px,   s: blur per dioptre
+//! ```
 //! `--depth-edges snap` gives it the distance of the nearer one. It depends on the stored distances and the coverage alone, so not on tiles.
 //!
 //! Where the coverage is 0 there is no surface: what is stored there is not a distance.
