@@ -17,6 +17,7 @@ macro_rules! pages {
     ($($name:ident: $about:literal,)*) => {
         $(
             #[doc = include_str!(concat!("manual/guide/", stringify!($name), ".md"))]
+            #[allow(rustdoc::invalid_rust_codeblocks, reason = "indented blocks are commands of a shell")]
             mod $name {}
         )*
         /// All pages, in the order of the guide.
