@@ -216,7 +216,7 @@ fn fifo_as_lock_file_is_an_error_without_blocking() {
 fn devices_fifos_and_sockets_are_not_replaced() {
     let dir = tempfile::tempdir().unwrap();
     let at = |name: &str| dir.path().join(name);
-    lenscube("", &["chart", "uniform?size=8", text(&at("chart.zarr"))]).ok();
+    lenscube("", &["chart", "uniform", text(&at("chart.zarr")), "--size", "8"]).ok();
     assert!(Command::new("mkfifo").arg(at("fifo.npy")).status().unwrap().success());
     let _listener = UnixListener::bind(at("socket.npy")).unwrap();
     let mut kinds = vec![("fifo.npy", "a FIFO or pipe"), ("socket.npy", "a socket")];
