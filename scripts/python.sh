@@ -37,7 +37,7 @@ python_with() {
 
 # Sets LENSCUBE, unless it is set, to the binary that `cargo test` builds.
 built_lenscube() {
-    LENSCUBE=${LENSCUBE:-$(cargo test --quiet --workspace --test golden --no-run --message-format=json | python3 -c '
+    LENSCUBE=${LENSCUBE:-$(cargo test --quiet --workspace --all-features --test golden --no-run --message-format=json | python3 -c '
 import json, sys
 artifacts = [json.loads(line) for line in sys.stdin if line.startswith("{")]
 print(next(a["executable"] for a in artifacts if a.get("target", {}).get("kind") == ["bin"] and a.get("executable") and not a["profile"]["test"]))')}
