@@ -42,7 +42,7 @@ class WheelHook(BuildHookInterface):
     def build(self) -> Path:
         """The program, built by Cargo from the sources around this folder."""
         root = Path(self.root).parent.parent
-        command = ["cargo", "build", "--release", "--bin", "lenscube", "--message-format=json"]
+        command = ["cargo", "build", "--release", "--all-features", "--bin", "lenscube", "--message-format=json"]
         done = subprocess.run(command, cwd=root, stdout=subprocess.PIPE, check=True)
         messages = map(json.loads, done.stdout.splitlines())
         return Path(next(m["executable"] for m in messages if m.get("executable")))
