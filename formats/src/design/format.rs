@@ -28,12 +28,15 @@ pub struct LensFormat {
     pub write: Option<Write>,
 }
 
+/// Reads an archive: its lens file, and its glass catalogues.
+pub(super) type ReadArchive = fn(&[u8]) -> Result<(Member, Vec<Member>), LensFileError>;
+
 /// What the files of a format are.
 pub enum Content {
     /// The text of a lens.
     Text(TextFormat),
     /// An archive: gives the file of a lens, of another format, and glass catalogues.
-    Archive(fn(&[u8]) -> Result<(Member, Vec<Member>), LensFileError>),
+    Archive(ReadArchive),
     /// Not read; the error says what to do.
     Refused(&'static str),
 }
