@@ -36,7 +36,8 @@ pub mod zmx;
 
 pub use error::LensFileError;
 pub use format::{
-    Content, LensFormat, Read, TextFormat, Write, endings_read, endings_written, names_read, names_written,
+    Content, LensFormat, Read, TextFormat, Unpack, Write, endings_read, endings_written, names_read,
+    names_written,
 };
 pub use lens_file::{LensFile, is_lens_file, writer};
 pub use options::ReadOptions;

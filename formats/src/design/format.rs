@@ -14,6 +14,9 @@ pub type Read = fn(&[u8], &GlassLibrary, &ReadOptions) -> Result<System, LensFil
 /// Writes a lens; its glasses that are not built in go into a catalogue of that name beside it.
 pub type Write = fn(&System, &str) -> Result<Written, LensFileError>;
 
+/// The file of the lens in an archive, and its glass catalogues.
+pub type Unpack = fn(&[u8]) -> Result<(Member, Vec<Member>), LensFileError>;
+
 /// A format of lens files.
 pub struct LensFormat {
     /// As help names it, with its usual ending.
@@ -28,15 +31,12 @@ pub struct LensFormat {
     pub write: Option<Write>,
 }
 
-/// Reads an archive: its lens file, and its glass catalogues.
-pub(super) type ReadArchive = fn(&[u8]) -> Result<(Member, Vec<Member>), LensFileError>;
-
 /// What the files of a format are.
 pub enum Content {
     /// The text of a lens.
     Text(TextFormat),
-    /// An archive: gives the file of a lens, of another format, and glass catalogues.
-    Archive(ReadArchive),
+    /// An archive with the file of a lens in another format.
+    Archive(Unpack),
     /// Not read; the error says what to do.
     Refused(&'static str),
 }

@@ -1,7 +1,7 @@
 //! Pupil functions of a band at the heights of its PSFs, from which the PSFs are computed when they are needed.
 //!
 //! The PSFs of a fast lens have gigabytes, the pupil functions, which are smooth, a hundredth of that. The PSFs are the same: a trace computes
-//! them from the same values with the same sums ([`super::huygens`]), each scaled to sum 1.
+//! them from the same values with the same sums ([`super::PsfGrid`]), each scaled to sum 1.
 //! A pupil has one segment, or several where surfaces limit it ([`crate::design::pupil`]). The values of a segment are at Chebyshev points of the first kind,
 //!
 //! ```text
