@@ -51,21 +51,21 @@
 //!
 //! # Glossary
 //!
+//! The words of the sensor and of depth stand at the heads of [`sensor`] and [`depth`].
+//!
 //! - **chart**: the input, a multispectral image on the ideal image plane. **film**: the output, the image on the sensor plane.
 //! - **remapped image**: the chart after relative illumination and distortion, before the PSF. **contribution**: the PSF stage's output for one
 //!   tile: the tile and its tail.
-//! - **signal**: electrons per second of a sensor pixel behind its filter, without noise. **raw**: the digital numbers of a sensor's frames.
-//!   **die**: what is the same in every frame of a sensor. **filter**: what stands before a pixel of the mosaic (Gr and Gb are two). **plane**:
-//!   the colour that filters belong to. **mosaic**: one filter per pixel; **demosaicing** interpolates every plane at every pixel.
 //! - **ideal height**: f·tan(field angle). **real height**: where the chief ray lands. Both in mm from the axis.
 //! - **node**: a grid point of the PSF field (height, azimuth). **kernel**: its PSF integrated over film pixels. **spectrum**: the kernel's Fourier
 //!   transform. **weight**: a node's bilinear share at a pixel. **PSF window**: the support of a kernel in film pixels.
+//!   **stack**: the PSFs of a band at all heights. **gain** of a band: the factor of its chart values (film units); of a sensor: that of its converter.
 //! - **tile**: unit of computing (about 512 px). **block**: unit of a Fourier transform. **shard**: a stored file of the film. **chunk**: a compressed part
 //!   of a store. **strip**: consecutive rows that are in memory together. **walk**: the order in which workers compute the tiles of a band.
 //! - **film region**: a rectangle of the film (`--roi`). **job**: all that determines the pixels of a film. **unit**: a part of a planned job that
-//!   one process computes. **run**: one execution of a command on a film.
-//! - **vergence**: 1/distance from the entrance pupil, in 1/m (dioptres). **depth node**: a vergence for which the lens has PSFs. **slab**: what lies
-//!   between two depth nodes. **sheet**: a surface with a chart, a distance and a coverage per chart pixel.
+//!   one process computes. **run**: one execution of a command on a film. **plan** of a band ([`band::BandPlan`]): its tables, tiles and blocks before a pixel
+//!   is computed; of a job (`lenscube plan`): its division into units. **forecast**: bytes and seconds of a run, told before it. **position**: the place of a
+//!   band in a job, from 0.
 //! - **batch**, **queue**, **worker**: tiles sent to a GPU together; the order of work of one device; a thread. **portion**: rows of shards of a band that one
 //!   GPU computes. **claim**, **requeue**, **commit**: take a tile or a portion to compute it; return it after a failure; make a shard visible.
 //! - **engine**: an implementation of the arithmetic: avx512, avx2, portable, cuda-sm_NN. **fault**: an error injected by a test.

@@ -6,6 +6,11 @@
 //!
 //! Cost per slab of a tile: light on two nodes, its share of the pupil on two nodes, known and missing share, six convolutions, and e of each node
 //! once a tile ([`counts`]). FFT blocks that are 0, or that reach no pixel where the slab is needed, cost nothing.
+//!
+//! # Words
+//!
+//! - **vergence**: 1/distance from the entrance pupil, in 1/m (dioptres). **depth node**: a vergence for which the lens has PSFs. **slab**: what lies
+//!   between two depth nodes. **sheet**: a surface with a chart, a distance and a coverage per chart pixel.
 
 mod composite;
 pub mod counts;

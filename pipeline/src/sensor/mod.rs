@@ -18,6 +18,12 @@
 //!
 //! Left out: crosstalk, microlens shading, blooming, lag, non-linearity, rolling shutter. A raw of a given signal has the same bits on every
 //! machine, in any region, order and number of threads.
+//!
+//! # Words
+//!
+//! - **signal**: electrons per second of a sensor pixel behind its filter, without noise. **raw**: the digital numbers of a sensor's frames.
+//!   **die**: what is the same in every frame of a sensor. **filter**: what stands before a pixel of the mosaic (Gr and Gb are two). **plane**:
+//!   the colour that filters belong to. **mosaic**: one filter per pixel; **demosaicing** interpolates every plane at every pixel.
 
 pub mod emva;
 pub mod exposure;
