@@ -11,7 +11,7 @@ import xarray
 from PIL import Image
 
 ROOT = Path(__file__).resolve().parent.parent
-DESIGN = ROOT / "pipeline/data/double-gauss-28.zmx"
+DESIGN = ROOT / "formats/data/lenses/double-gauss-28.zmx"
 NM = np.arange(400.0, 701.0, 10.0)
 PX = 64
 
