@@ -20,7 +20,7 @@ use super::draft::{Draft, DraftSurface, INFINITE_MM, MAX_SURFACES};
 use super::error::LensFileError;
 use super::lens_file::is_zip;
 use super::options::ReadOptions;
-use super::text::decode;
+use super::text::{self, decode};
 use command::{Command, cannot_be_curvatures, commands};
 use decentre::Decentre;
 use pipeline::design::glass::Glass;
@@ -128,7 +128,7 @@ pub fn parse(bytes: &[u8], glasses: &GlassLibrary, options: &ReadOptions) -> Res
             if strict {
                 return Err(command.error(error));
             }
-            let quote: String = command.text.trim().chars().take(80).collect();
+            let quote = text::quote(command.text);
             reader.draft.notes.push(format!("line {}: `{quote}` {problem}", command.line));
         }
     }

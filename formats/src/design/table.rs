@@ -44,16 +44,12 @@ struct Line<'a> {
     has_decimal_commas: bool,
 }
 
-/// Maximum length of a line in an error, characters.
-const MAX_QUOTE_CHARS: usize = 80;
-
 /// Maximum difference between a printed and the computed focal length without a note.
 const FOCAL_LENGTH_TOLERANCE: f64 = 0.01;
 
 impl Line<'_> {
     fn error(&self, problem: impl Into<String>) -> LensFileError {
-        let text = self.text.trim().chars().take(MAX_QUOTE_CHARS).collect();
-        LensFileError::Line { line: self.number, text, problem: problem.into() }
+        LensFileError::Line { line: self.number, text: text::quote(self.text), problem: problem.into() }
     }
 
     fn cell(&self, i: usize) -> &str {

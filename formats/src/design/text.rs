@@ -20,6 +20,14 @@ pub fn decode(bytes: &[u8]) -> String {
     if text.contains('\r') && !has_lf { text.replace("\r\n", "\n").replace('\r', "\n") } else { text }
 }
 
+/// Characters of a line that errors quote.
+const MAX_QUOTE_CHARS: usize = 80;
+
+/// The part of a line that errors quote.
+pub fn quote(line: &str) -> String {
+    line.trim().chars().take(MAX_QUOTE_CHARS).collect()
+}
+
 /// Whether bytes are no text in any of these encodings: a NUL in other than UTF-16.
 pub fn is_binary(bytes: &[u8]) -> bool {
     let is_marked = bytes.starts_with(&[0xFF, 0xFE]) || bytes.starts_with(&[0xFE, 0xFF]);

@@ -16,7 +16,7 @@ pub(super) struct Command<'a> {
 
 impl Command<'_> {
     pub(super) fn error(&self, problem: impl Into<String>) -> LensFileError {
-        let text = self.text.trim().chars().take(80).collect();
+        let text = text::quote(self.text);
         LensFileError::Line { line: self.line, text, problem: problem.into() }
     }
 

@@ -1,6 +1,7 @@
 //! JSON as Python writes it: with the words Infinity, -Infinity and NaN.
 
 use crate::design::error::LensFileError;
+use crate::design::text::quote;
 use serde_json::Value;
 
 /// What stands for an infinite number; read and written as `Infinity`.
@@ -13,12 +14,8 @@ pub(super) const INFINITE: f64 = 1e300;
 pub(super) fn parse(text: &str) -> Result<Value, LensFileError> {
     let plain = without_words(text);
     serde_json::from_str(&plain).map_err(|e| {
-        let quote = text.lines().nth(e.line().saturating_sub(1)).unwrap_or_default();
-        LensFileError::Line {
-            line: e.line(),
-            text: quote.trim().chars().take(80).collect(),
-            problem: format!("is not JSON: {e}"),
-        }
+        let line = text.lines().nth(e.line().saturating_sub(1)).unwrap_or_default();
+        LensFileError::Line { line: e.line(), text: quote(line), problem: format!("is not JSON: {e}") }
     })
 }
 

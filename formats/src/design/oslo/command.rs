@@ -17,7 +17,7 @@ impl Command<'_> {
 
     /// The text for an error.
     pub(super) fn quote(&self) -> String {
-        self.text.trim().chars().take(80).collect()
+        text::quote(self.text)
     }
 
     pub(super) fn value(&self, i: usize) -> Result<f64, LensFileError> {

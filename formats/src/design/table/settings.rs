@@ -136,7 +136,7 @@ impl Settings {
             }
             _ if strict => return Err(line.error("this setting is not known, and --strict allows none")),
             _ => {
-                let text: String = line.text.trim().chars().take(80).collect();
+                let text = text::quote(line.text);
                 let note = format!("line {}: `{text}` is not a known setting and was ignored", line.number);
                 self.notes.push(note);
             }

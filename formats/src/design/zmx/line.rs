@@ -6,9 +6,6 @@ use crate::design::text;
 /// What a note says of optics or a keyword that is not read; an error where the caller is strict.
 pub(super) const IGNORED: &str = "was ignored";
 
-/// Maximum length of a line in an error, characters.
-const MAX_QUOTE_CHARS: usize = 80;
-
 /// A line split into words, the first of which is the keyword.
 pub(super) struct Line<'a> {
     pub(super) number: usize,
@@ -28,7 +25,7 @@ impl Line<'_> {
 
     /// The text for an error.
     pub(super) fn quote(&self) -> String {
-        self.text.chars().take(MAX_QUOTE_CHARS).collect()
+        text::quote(self.text)
     }
 
     /// Value `i` (the keyword is 0).
