@@ -32,6 +32,7 @@ mod file_writer;
 mod handle;
 mod hashed_file;
 mod lock;
+mod object_state;
 #[cfg(feature = "s3")]
 mod objects;
 #[cfg(not(feature = "s3"))]
@@ -61,7 +62,8 @@ pub use file_system::{
 pub use file_writer::FileWriter;
 pub use hashed_file::HashedFile;
 pub use lock::{Lock, LockError, LockOwner, locks};
-pub use objects::{ObjectState, Objects};
+pub use object_state::ObjectState;
+pub use objects::Objects;
 pub use process::ProcessIdentity;
 pub use removal::Removal;
 pub use rename::{publish, replace_directory};

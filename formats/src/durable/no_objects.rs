@@ -5,21 +5,13 @@ use std::path::Path;
 use bytes::Bytes;
 
 use super::error::DurableError;
+use super::object_state::ObjectState;
 use super::url::{Address, redacted};
 use crate::features;
 
 /// Objects below a URL: none in this build.
 #[derive(Clone, Debug)]
 pub enum Objects {}
-
-/// Metadata of an object.
-#[derive(Clone, Debug, PartialEq, Eq)]
-pub struct ObjectState {
-    /// Size in bytes.
-    pub size: u64,
-    /// ETag, or else time of modification; changes with the contents.
-    pub tag: String,
-}
 
 impl Objects {
     /// # Errors

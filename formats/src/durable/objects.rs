@@ -22,6 +22,7 @@ use object_store::path::Path as Location;
 use object_store::{Error, GetOptions, GetRange, ObjectStore, ObjectStoreExt, PutMode, PutPayload};
 
 use super::error::DurableError;
+use super::object_state::ObjectState;
 use super::url::{Address, redacted};
 use request::{block_on, block_on_with_retry};
 use response::durable_error;
@@ -44,15 +45,6 @@ impl std::fmt::Debug for Objects {
     fn fmt(&self, f: &mut std::fmt::Formatter<'_>) -> std::fmt::Result {
         write!(f, "Objects({})", self.root.display())
     }
-}
-
-/// Metadata of an object.
-#[derive(Clone, Debug, PartialEq, Eq)]
-pub struct ObjectState {
-    /// Size in bytes.
-    pub size: u64,
-    /// ETag, or else time of modification; changes with the contents.
-    pub tag: String,
 }
 
 impl Objects {
