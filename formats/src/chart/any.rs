@@ -56,6 +56,8 @@ pub struct ChartRequest<'a> {
 
 /// A format of charts in files.
 struct Format {
+    /// Whether a chart is one file; a flat one may have a header or attributes beside it, pictures are several.
+    is_one_file: bool,
     /// Why `--axes` does not apply to it, if it does not.
     declares_axes: Option<&'static str>,
     /// Whether the name is one of a chart of this format.
@@ -64,19 +66,28 @@ struct Format {
     open: fn(&str, &ChartRequest<'_>) -> Result<Chart, ChartError>,
 }
 
+/// Whether `path` is a chart of a format in which a chart is one file.
+pub(super) fn is_one_file(path: &Path) -> bool {
+    let of_path = |format: &&Format| path.to_str().is_some_and(|spec| (format.detects)(spec));
+    FORMATS.iter().find(of_path).is_some_and(|format| format.is_one_file)
+}
+
 /// The formats of files, in the order in which a name is compared with them; what none recognises is a Zarr store.
 static FORMATS: [Format; 5] = [
     Format {
+        is_one_file: true,
         declares_axes: Some("OpenEXR declares its order"),
         detects: |spec| exr::is_supported_path(Path::new(spec)),
         open: |spec, request| decoded(spectral(exr::open(Path::new(spec), request.nan)?)?, request),
     },
     Format {
+        is_one_file: true,
         declares_axes: Some("TIFF declares its order"),
         detects: |spec| pictures::is_tiff(Path::new(spec)),
         open: |spec, request| decoded(pictures::open_tiff(Path::new(spec), request.nan)?, request),
     },
     Format {
+        is_one_file: true,
         declares_axes: None,
         detects: |spec| hdf5::is_hdf5(Path::new(split_array(spec).0)),
         open: |spec, request| {
@@ -89,6 +100,7 @@ static FORMATS: [Format; 5] = [
         },
     },
     Format {
+        is_one_file: false,
         declares_axes: None,
         detects: |spec| RasterChart::is_supported_path(Path::new(spec)),
         open: |spec, request| {
@@ -97,6 +109,7 @@ static FORMATS: [Format; 5] = [
         },
     },
     Format {
+        is_one_file: false,
         declares_axes: Some("each picture is a band"),
         detects: pictures::is_set_of_pictures,
         open: |spec, request| decoded(pictures::open_set(spec, request.nan)?, request),

@@ -3,7 +3,7 @@
 use std::path::{Path, PathBuf};
 
 use super::open::split_array;
-use super::{exr, hdf5, pictures, raster};
+use super::{any, pictures, raster};
 use crate::durable::is_url;
 
 /// Metadata of Zarr groups and arrays.
@@ -24,9 +24,7 @@ pub fn files_of(spec: &str) -> Vec<PathBuf> {
     if let Some(files) = pictures::files_of_pattern(spec) {
         return files;
     }
-    let declares_itself =
-        exr::is_supported_path(path) || pictures::is_tiff(path) || hdf5::is_hdf5(path) || path.is_dir();
-    let beside = if declares_itself { None } else { raster::beside(path) };
+    let beside = if path.is_dir() || any::is_one_file(path) { None } else { raster::beside(path) };
     [path.into()].into_iter().chain(beside).chain(metadata_above(path)).collect()
 }
 
