@@ -14,7 +14,7 @@ use pipeline::lens::PsfSample;
 use pipeline::resample::{Interp, Surround};
 use pipeline::sensor::pixels::Resample;
 use pipeline::stage::Stage;
-use pipeline::stages::DESCRIPTIONS;
+use pipeline::stages::{self, DESCRIPTIONS, described};
 use std::sync::LazyLock;
 
 /// Name, help (may be empty), value.
@@ -91,9 +91,7 @@ pub(super) fn stage() -> impl TypedValueParser<Value = Stage> {
 
 /// The stages without `--stages`, as typed.
 pub(super) fn default_stages() -> &'static str {
-    static NAMES: LazyLock<String> = LazyLock::new(|| {
-        let on = DESCRIPTIONS.iter().filter(|d| d.on_by_default);
-        on.map(|d| d.name).collect::<Vec<_>>().join(",")
-    });
+    static NAMES: LazyLock<String> =
+        LazyLock::new(|| described(stages::default_stages()).map(|d| d.name).collect::<Vec<_>>().join(","));
     &NAMES
 }

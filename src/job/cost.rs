@@ -7,7 +7,8 @@ use crate::job::Job;
 use pipeline::band::BandPlan;
 use pipeline::depth::plan::{DepthPlan, NodePlan};
 use pipeline::remap::Remap;
-use pipeline::stages::DESCRIPTIONS;
+use pipeline::stage::Stages;
+use pipeline::stages::described;
 
 /// Reading and decoding, remap, overlap-add, encoding, writing: 50.7 + 18.4 + 7.6 + 22.2 + 4.1 core seconds for
 /// 31 bands of 14141² px, store to store, a chart with 1 % noise.
@@ -55,12 +56,12 @@ fn depth_tile_s(plan: &BandPlan, depth: &DepthPlan, tile: (usize, usize)) -> f64
     1e-9 * ((convolutions * convolution_ns + remap_ns) * grown + OTHER_STAGES_NS * pixels)
 }
 
-/// Seconds of one core.
-pub fn core_s(plan: &BandPlan, tiles: &[(usize, usize)]) -> f64 {
+/// Seconds of one core with `stages`.
+pub fn core_s(plan: &BandPlan, stages: Stages, tiles: &[(usize, usize)]) -> f64 {
     if let Some(depth) = &plan.depth {
         return tiles.iter().map(|tile| depth_tile_s(plan, depth, *tile)).sum();
     }
-    let costs = || DESCRIPTIONS.iter().map(|stage| (stage.cost)(plan));
+    let costs = || described(stages).map(|stage| (stage.cost)(plan));
     let (pixel_ns, band_s) =
         (costs().map(|c| c.pixel_ns).sum::<f64>(), costs().map(|c| c.band_s).sum::<f64>());
     pixels(plan, tiles) as f64 * (pixel_ns + OTHER_STAGES_NS) * 1e-9 + band_s

@@ -229,7 +229,7 @@ fn planned(
     let cost = |plan: &BandPlan| {
         let (rows, columns) = plan.tiling.count();
         let tiles: Vec<_> = (0..rows).flat_map(|i| (0..columns).map(move |j| (i, j))).collect();
-        core_s(plan, &tiles)
+        core_s(plan, default_stages(), &tiles)
     };
     let index = plan.lens_bands.first;
     let nodes = tables.depth.as_ref().map(|depth| &depth.bands[index]);

@@ -105,7 +105,7 @@ fn unit(
         let pixels = |s: &ShardId| job.regions[s.region].shard_rect(s.row, s.col).size().pixels();
         all.bytes_written += (shards.iter().map(pixels).sum::<usize>() * sample) as u64;
         all.bytes_read += cost::bytes_read(job, band, &tiles);
-        all.core_s = cost::rounded(all.core_s + cost::core_s(plan, &tiles));
+        all.core_s = cost::rounded(all.core_s + cost::core_s(plan, job.options.stages, &tiles));
         all.gpu_bytes = all.gpu_bytes.max(cost::gpu_bytes(plan, &tiles));
     }
     let mut ranges = BTreeMap::new();

@@ -84,7 +84,10 @@ fn work(job: &Job, missing: &[BTreeSet<ShardId>]) -> (u64, f64) {
     with_shards.fold((0, 0.0), |(read, core_s), (position, shards)| {
         let plan = &job.plans[position];
         let tiles = tiles_needed(&plan.tiling, &job.regions, shards);
-        (read + cost::bytes_read(job, position, &tiles), core_s + cost::core_s(plan, &tiles))
+        (
+            read + cost::bytes_read(job, position, &tiles),
+            core_s + cost::core_s(plan, job.options.stages, &tiles),
+        )
     })
 }
 
