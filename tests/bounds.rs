@@ -396,7 +396,7 @@ fn memory_is_planned_within_the_limit_of_the_address_space() {
     assert!(ran.stdout.contains("left of the address space (ulimit -v)"), "{}", ran.stdout);
     // Too little for the job is one error, and nothing is written.
     let words = [&[large, text(&out)], &lens[..]].concat();
-    // Nobody gave a limit: the message is about the default.
+    // Without a limit the message is about the default.
     let default = ["the default of --memory, ", "is too small", "raise the limit"];
     check(&limited(400_000, &words), USAGE, &default);
     let given = [&words[..], &["--memory", "105MiB"]].concat();
