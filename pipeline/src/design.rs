@@ -4,8 +4,8 @@
 //!
 //! | layer | modules |
 //! |---|---|
-//! | [`prescription`] | [`system`] (surfaces, aperture, fields), [`shape`] of a surface, [`glass`]es, their built-in table ([`glass_library`]) and [`model_glass`]es, [`error`] |
-//! | [`rays`] | [`paraxial`]: pupils and focal lengths. [`ray`]: real rays through each `surface`, with derivatives by `scalar`; `aim` finds the pupil of each field point, `field` the field point of an image height; `ray_budget`: the rays that a search may aim |
+//! | [`prescription`] | [`system`] (surfaces, aperture, fields), [`shape`] of a surface, [`glass`]es, their built-in table ([`glass_library`]) and [`model_glass`]es, their [`absorption`], the [`coating`]s of surfaces and of a lens ([`coatings`]), [`error`] |
+//! | [`rays`] | [`paraxial`]: pupils and focal lengths. [`ray`]: real rays through each `surface`, with derivatives by `scalar`; `aim` finds the pupil of each field point, `field` the field point of an image height; `losses`: light lost on the way; `ray_budget`: the rays that a search may aim |
 //! | [`pupil`] | the open part of the pupil and its sampling; [`bundle`]: its rays; [`illumination`]: RI, the light of a bundle per area of the film; `function`, `disc`, `pupils`: pupil functions, also between traced heights |
 //! | [`figures`] | [`mod@describe`]: first-order data; [`spots`]: spot diagrams and best focus; [`field_figures`]; [`image_circle`]; [`crossing`]: surfaces that cross; `aiming_check`: whether paraxial aiming is accurate enough; `refocus`: the film at another focus |
 //! | [`psf`] | a Huygens sum over rays, by `nufft` and `fourier`; [`film_pixel`]: shares per film pixel; [`pupil_stack`]: PSFs computed from stored pupil functions |
@@ -21,7 +21,9 @@ pub mod rays;
 pub mod tables;
 
 pub use figures::{crossing, describe, field_figures, image_circle, spots};
-pub use prescription::{error, glass, glass_library, model_glass, shape, system};
+pub use prescription::{
+    absorption, coating, coatings, error, glass, glass_library, model_glass, shape, system,
+};
 pub use psf::{film_pixel, pupil_stack};
 pub use pupil::{bundle, illumination, quadrature};
 pub use rays::{paraxial, ray};

@@ -130,7 +130,7 @@ impl Draft {
         let range_um =
             self.range.ok_or_else(|| bad(format!("{} has no wavelength range (LD)", self.name)))?;
         let dispersion = Dispersion::new(self.formula, c).map_err(|p| bad(format!("{}: {p}", self.name)))?;
-        catalog.add(Glass { name: self.name, dispersion, range_um });
+        catalog.add(Glass::new(self.name, dispersion, range_um));
         Ok(())
     }
 }

@@ -40,6 +40,8 @@ pub(super) struct DraftSurface {
     pub(super) obscuration_mm: Option<f64>,
     /// Semi-diameter as drawn, mm; 0 if unknown.
     pub(super) semi_diameter_mm: f64,
+    /// Name of its coating.
+    pub(super) coating_name: Option<String>,
     /// Whether the semi-diameter was fixed by the designer.
     pub(super) is_fixed: bool,
     /// Tilts and decentres of this surface and of those behind it.
@@ -192,6 +194,8 @@ fn surface(
         aperture_mm: draft.clear_mm.or(fixed).filter(|_| !is_image),
         obscuration_mm: draft.obscuration_mm.filter(|r| !is_image && *r > 0.0),
         semi_diameter_mm: draft.semi_diameter_mm,
+        coating_name: draft.coating_name.clone(),
+        coating: None,
     })
 }
 

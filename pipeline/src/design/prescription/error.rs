@@ -36,6 +36,19 @@ pub enum DesignError {
         /// End of the range, µm.
         last_um: f64,
     },
+    /// A wavelength outside the tables of a coating.
+    #[error(
+        "{um} µm lies outside {}, the wavelengths of {name} in the coatings; choose other wavelengths or give its data there",
+        range_um.map_or("no entries at all".to_owned(), |(a, b)| format!("{a}..{b} µm")), um = tidy(.wavelength_um)
+    )]
+    Coating {
+        /// The coating or material.
+        name: String,
+        /// Requested wavelength, µm.
+        wavelength_um: f64,
+        /// Wavelengths of its table, µm; none if it is empty.
+        range_um: Option<(f64, f64)>,
+    },
     /// The paraxial system has no finite focal length, pupil or image.
     #[error("the design has no usable {what} at {um} µm: {problem}", um = tidy(.wavelength_um))]
     Paraxial {

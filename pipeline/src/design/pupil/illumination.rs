@@ -17,7 +17,7 @@
 //! ```
 //! equals G where the bundle is in perfect focus (radiance is conserved along rays); defocus and aberrations separate the two: at the edge
 //! of the field of a Double Gauss 0.915 against 0.920, of a biconvex singlet 0.75 against 1.09. A lone stop gives cos⁴ for both.
-//! Includes vignetting and pupil aberration. Left out: change of transmission with field.
+//! Includes vignetting and pupil aberration, and what each ray loses at coatings and in glass (`rays/losses.rs`).
 //! Other programs: the tables of `double-gauss-28-npz` have Ω. A listing of OpticStudio's predecessor for an f = 2 mm asphere (five
 //! wavelengths, 27.4 degrees; without prescription) is R within 0.001: 0.8035 at the edge, where G computed from the heights listed with it
 //! and a beam of constant size is 0.8028 and cos⁴ 0.622. The lens is in focus there, so the listing does not separate G from Ω; according to

@@ -8,12 +8,13 @@
 //! Clipping by apertures is measured by the maximum of r²/a² − 1 over all surfaces with an aperture radius a, a central obscuration by the
 //! minimum over all surfaces with an obscuration of radius a. Rays within an obscuration are traced as if it were not there.
 //! Flux through dp dq: d(x, y) in the pupil plane for an object at infinity, d(L, M) at the object (Lambertian) for a finite one.
-//! Left out: ghosts, absorption, coatings, polarisation, vignetting factors.
+//! Light lost at coatings and in glass: [`losses`](super::losses). Left out: ghosts, vignetting factors.
 
 use std::sync::OnceLock;
 
 use super::aim::ChiefRays;
 use super::ideal_lens::{IdealLens, ideal_lenses};
+use super::losses::Losses;
 use super::paraxial::Paraxial;
 use super::ray_budget::RayBudget;
 use super::scalar::{Dual, Scalar};
@@ -27,6 +28,7 @@ pub struct Tracer<'a> {
     system: &'a System,
     indices: Vec<f64>,
     ideal: Vec<Option<IdealLens>>,
+    losses: Option<Losses>,
     sign: f64,
     stop_radius_mm: f64,
     stop_sign: f64,
@@ -88,7 +90,7 @@ pub struct ImageRay {
     pub n: f64,
     /// Optical path from the object's wavefront, mm.
     pub path: Dual,
-    /// Flux per dp dq, relative to the field point's other rays.
+    /// Flux per dp dq, relative to the field point's other rays, less what is lost on the way.
     pub flux: f64,
 }
 
@@ -110,6 +112,7 @@ impl<'a> Tracer<'a> {
             system,
             indices: indices(system, system.primary_um())?,
             ideal: Vec::new(),
+            losses: Losses::new(system, um)?,
             sign: primary.distortion_focal_length_mm.signum(),
             stop_radius_mm: primary.stop_radius_mm,
             stop_sign: 1.0,
@@ -145,6 +148,23 @@ impl<'a> Tracer<'a> {
     /// Ideal height over tan(field angle): the distortion focal length, positive.
     pub fn ideal_scale_mm(&self) -> f64 {
         self.primary.distortion_focal_length_mm.abs()
+    }
+
+    /// The same system with all of the light: no coatings, no absorption.
+    pub fn without_losses(&self) -> Self {
+        Self { losses: None, ..self.clone() }
+    }
+
+    /// Whether light is lost on the way.
+    pub fn has_losses(&self) -> bool {
+        self.losses.is_some()
+    }
+
+    /// Share of the light of the ray from `start` that is left at the image; 1 without coatings.
+    fn share_left(&self, start: &Ray<Dual>) -> Result<f64, Lost> {
+        let Some(losses) = &self.losses else { return Ok(1.0) };
+        let start = Ray { p: start.p.map(|v| v.v), d: start.d.map(|v| v.v), path: start.path.v };
+        losses.share(self.system, &self.indices, start, |i, ray| self.bend(i, ray))
     }
 
     /// Whether any surface has a central obscuration.
@@ -276,6 +296,7 @@ impl<'a> Tracer<'a> {
             None => [x, y],
             Some(_) => [start.d[0], start.d[1]],
         };
+        let share = self.share_left(&start).map_err(|lost| self.lost(tan, p, q, lost))?;
         let r = self.run(start, self.system.image(), clip).map_err(|lost| self.lost(tan, p, q, lost))?;
         let index = Dual::of(self.indices[self.system.image()]);
         Ok(ImageRay {
@@ -285,7 +306,7 @@ impl<'a> Tracer<'a> {
             m: index * r.d[1],
             n: (index * r.d[2]).v,
             path: r.path,
-            flux: (flux[0].d[0] * flux[1].d[1] - flux[0].d[1] * flux[1].d[0]).abs(),
+            flux: (flux[0].d[0] * flux[1].d[1] - flux[0].d[1] * flux[1].d[0]).abs() * share,
         })
     }
 

@@ -17,7 +17,7 @@ use crate::design::prescription::system::{RayAiming, System};
 use crate::design::rays::paraxial::Paraxial;
 use crate::design::rays::ray::Tracer;
 use crate::design::tables::grid::Chosen;
-use crate::design::tables::trace::{BandReport, LensTrace, OnProgress, TraceOptions};
+use crate::design::tables::trace::{BandReport, LensTrace, OnProgress, TraceOptions, transmission};
 use crate::lens::depth::{BandDepth, DepthNode, LensDepth};
 use crate::lens::{Lens, LensBand, PsfStack, linear};
 
@@ -112,7 +112,8 @@ pub fn band<E: std::fmt::Display>(
         })?;
         sink(d, &traced.psf).map_err(|e| DesignError::Sink { wavelength_nm: nm, problem: e.to_string() })?;
         let t = traced.tables;
-        let light: Vec<f64> = t.relative_illumination.iter().map(|r| r * t.solid_angle_sr).collect();
+        let axis = t.solid_angle_sr * t.transmission;
+        let light: Vec<f64> = t.relative_illumination.iter().map(|r| r * axis).collect();
         let ratio = |(r, in_focus): (&f64, &f64)| linear(&t.image_height_mm, &light, *r) / in_focus;
         let etendue_ratio = std::iter::zip(&far.real, &in_focus).map(ratio).collect();
         if d + 1 == placement.vergence.len() && *v > 0.0 && system.aiming == RayAiming::Real {
@@ -141,8 +142,8 @@ pub fn band<E: std::fmt::Display>(
         psf_size: 1,
         psf_pitch_um: 1.0,
         psf_energy: Vec::new(),
-        solid_angle_sr: in_focus[0],
-        transmission: 1.0,
+        solid_angle_sr: in_focus[0] / focused.transmission,
+        transmission: focused.transmission,
     };
     nodes.set_psfs(&mut tables, nodes.nearest(options.focus));
     Ok(TracedDepth { tables, nodes, placement, reports })
@@ -185,12 +186,14 @@ struct Dense {
     real: Vec<f64>,
     /// G, sr.
     light: Vec<f64>,
+    transmission: f64,
 }
 
 impl Dense {
     fn new(system: &System, trace: &TraceOptions, nm: f64) -> Result<Self, DesignError> {
         let tracer = Tracer::new(system, nm / 1e3)?;
         let [ideal, real, light] = LensTrace::new(system, trace)?.dense(&tracer)?;
-        Ok(Self { ideal, real, light })
+        let transmission = transmission(&tracer, light[0])?;
+        Ok(Self { ideal, real, light, transmission })
     }
 }
