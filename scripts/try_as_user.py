@@ -156,6 +156,7 @@ def lenses(place):
     quick = ["--stages", "ri,distortion"]
     task("lens show", ["lens", "show", "MY.zmx"], place, out=["effective focal length", "Strehl"])
     task("run with a .zmx", ["run", chart, "zmx.zarr", "--lens", "MY.zmx", *quick], place, err=["1 shard in"])
+    task("run with a .zmx and flags of its trace", ["run", chart, "rms.zarr", "--lens", "MY.zmx", "--image-plane", "rms", "--energy", "0.95", *quick], place, err=["1 shard in"])
     task("design to a table", ["lens", "convert", "MY.zmx", "MY.csv"], place)
     task("run with a table", ["run", chart, "table.zarr", "--lens", "MY.csv", *quick], place)
     task("lens pack", ["lens", "trace", "MY.zmx", "MY.lens.zarr", "--wavelengths", "550", "--max-height-mm", "2", "--heights", "0,1,2"], place, err=["use it with"])

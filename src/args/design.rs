@@ -99,7 +99,7 @@ pub(super) fn depths(text: &str) -> Result<Depths, String> {
 }
 
 /// A configuration number.
-fn configuration(text: &str) -> Result<usize, String> {
+pub(super) fn configuration(text: &str) -> Result<usize, String> {
     let number = text.parse().ok().filter(|n| (1..=10_000).contains(n));
     number.ok_or_else(|| "expected a number from 1 to 10000".to_owned())
 }

@@ -4,11 +4,12 @@ use super::camera::CameraArgs;
 use super::choices::{STYLE, one_of};
 use super::design::{DESIGN_FILES, Depths, DesignArgs, depths, focus_m};
 use super::import::ImportArgs;
-use super::values::{bounded, pitch, positive};
+use super::values::{bounded, pitch, positive, share, window_px};
 use clap::{Args, Subcommand, ValueEnum};
 use formats::design::{endings_written, names_read, names_written};
 use formats::picture::style::Style;
 use pipeline::bounds;
+use pipeline::design::trace::TraceOptions;
 use std::path::PathBuf;
 
 /// `lenscube lens`
@@ -170,8 +171,11 @@ pub struct TraceArgs {
     #[arg(long, value_name = "MM")]
     pub heights: Option<String>,
     /// Minimum share of the energy inside every PSF window
-    #[arg(long, value_parser = positive, default_value = "0.99")]
+    #[arg(long, value_name = "SHARE", value_parser = share, default_value = "0.99")]
     pub energy: f64,
+    /// Maximum PSF window, an odd number of film pixels [default: 401; 639 with --depths-m]
+    #[arg(long, value_name = "N", value_parser = |text: &str| window_px(text, TraceOptions::WIDEST_PX))]
+    pub max_window_px: Option<usize>,
     /// Maximum error of a kernel between nodes, L1 at film pixels
     #[arg(long, value_parser = positive, default_value = "0.01")]
     pub psf_tolerance: f64,

@@ -5,6 +5,7 @@ use super::depth::DepthArgs;
 use super::design::DESIGN_FILES;
 use super::device::{Device, EngineArg};
 use super::placement::PlacementArgs;
+use super::tracing::TracingArgs;
 use super::values::{azimuths, bytes, keep_bits, odd, positive, roi, storage, threads, unit};
 use clap::{Args, ValueEnum};
 use formats::chart::AxisOrder;
@@ -33,6 +34,9 @@ pub struct RunArgs {
          A file with the name of a built-in lens is given as ./NAME"
     ))]
     pub lens: String,
+    /// How a design is traced.
+    #[command(flatten)]
+    pub tracing: TracingArgs,
     /// Array of the chart's file or store, the same as CHART//NAME
     #[arg(long, value_name = "NAME", conflicts_with = "chart_shape", help_heading = "Chart")]
     pub var: Option<String>,
@@ -163,6 +167,7 @@ impl RunArgs {
             chart: chart.into(),
             film: film.into(),
             lens: DEFAULT_LENS.into(),
+            tracing: TracingArgs::default(),
             var: None,
             chart_shape: None,
             chart_dtype: None,

@@ -2,6 +2,7 @@
 
 use super::choices::{DEMOSAIC, one_of};
 use super::depth::DepthArgs;
+use super::tracing::TracingArgs;
 use super::values::{bytes, pitch, positive, threads, unit};
 use clap::Args;
 use formats::chart::AxisOrder;
@@ -45,9 +46,6 @@ pub struct ShootArgs {
     /// Identify the chart by the content of its files, as for `lenscube run`
     #[arg(long)]
     pub check_input: bool,
-    /// Surfaces at several distances, and the lens's focus, as for `lenscube run`.
-    #[command(flatten)]
-    pub surfaces: DepthArgs,
     /// Film pitch where the chart has none
     #[arg(long, value_name = "UM", value_parser = pitch)]
     pub film_pitch_um: Option<f64>,
@@ -84,4 +82,10 @@ pub struct ShootArgs {
     /// Replace an existing picture, and film and raw of other jobs; those of this job are resumed
     #[arg(long)]
     pub overwrite: bool,
+    /// Surfaces at several distances, and the lens's focus, as for `lenscube run`.
+    #[command(flatten)]
+    pub surfaces: DepthArgs,
+    /// How a design is traced, as for `lenscube run`.
+    #[command(flatten)]
+    pub tracing: TracingArgs,
 }

@@ -14,6 +14,20 @@ pub(super) fn positive(text: &str) -> Result<f64, String> {
     number(text).and_then(|v| if v > 0.0 { Ok(v) } else { Err(format!("{v} is not greater than 0")) })
 }
 
+/// A share of the whole, without 0 and 1.
+pub(super) fn share(text: &str) -> Result<f64, String> {
+    number(text).and_then(|v| match v > 0.0 && v < 1.0 {
+        true => Ok(v),
+        false => Err(format!("{v} is not a share between 0 and 1, both excluded")),
+    })
+}
+
+/// Side of the largest PSF window, at most `max` film pixels.
+pub(super) fn window_px(text: &str, max: usize) -> Result<usize, String> {
+    let side = text.trim().parse::<usize>().ok().filter(|n| n % 2 == 1 && (3..=max).contains(n));
+    side.ok_or_else(|| format!("expected an odd number of film pixels from 3 to {max}"))
+}
+
 /// Parser of a number within `bound`.
 pub(super) fn bounded(bound: Bound) -> impl Fn(&str) -> Result<f64, String> + Clone + Send + Sync {
     move |text| bound.check(number(text)?).map_err(|e| e.to_string())

@@ -34,6 +34,7 @@ fn of_command(command: &Command) -> Result<Guard> {
             .reads_chart("scene", &args.scene)
             .reads_surfaces(&args.surfaces)
             .reads_lens(&args.lens)
+            .reads_glasses(&args.tracing)
             .may_write("--plot", args.plot.as_ref()),
         Command::Run(args) if args.work.plan.is_none() => Guard::of_job(&args.job),
         Command::Sensor(args) => match &args.command {
@@ -147,7 +148,8 @@ fn of_exposure(args: &ExposeArgs) -> Result<Guard> {
 
 fn of_shot(args: &ShootArgs) -> Guard {
     let guard = Guard::default().reads_chart("chart", &args.chart).reads_surfaces(&args.surfaces);
-    let guard = reads_sensor(guard.reads_lens(&args.lens), &args.sensor);
+    let guard = guard.reads_lens(&args.lens).reads_glasses(&args.tracing);
+    let guard = reads_sensor(guard, &args.sensor);
     let directory = if args.keep.is_some() { "--keep" } else { "the temporary directory" };
     let guard = guard.writes("OUT", &args.out).writes_in(directory, &shoot::directory(args), shoot::STORES);
     match shoot::is_negative(&args.out) {

@@ -10,7 +10,7 @@ pub mod unit_list;
 pub use command_line::CommandLine;
 pub use file::{Plan, Totals};
 
-use crate::args::{DepthArgs, Device, EngineArg, NO_HIDDEN, PlanArgs, RunArgs};
+use crate::args::{DepthArgs, Device, EngineArg, NO_HIDDEN, PlanArgs, RunArgs, TracingArgs};
 use crate::failure::usage;
 use crate::film;
 use crate::job::film_engine;
@@ -46,6 +46,7 @@ pub fn command(args: &PlanArgs, matches: &ArgMatches) -> Result<u8> {
     if let Some(path) = &args.lens_pack {
         run.lens = lens_pack::write(&run, path)?;
         // The pack has them.
+        run.tracing = TracingArgs::default();
         run.surfaces = DepthArgs { focus_m: None, gap: Vec::new(), depth_tolerance: None, ..run.surfaces };
     }
     let command = worker_command(&run, matches)?;
@@ -108,10 +109,18 @@ fn worker_command(run: &RunArgs, matches: &ArgMatches) -> Result<CommandLine> {
             ("--gap", surfaces.gap.is_empty()),
             ("--depth-tolerance", surfaces.depth_tolerance.is_none()),
         ];
-        ["--lens", "--depth", "--hidden"].into_iter().any(is)
+        let has = |flag: &&str| run.tracing.given().contains(flag);
+        ["--lens", "--depth", "--hidden", "--glass-catalog"].into_iter().any(is)
             || of_pack.iter().any(|(name, has)| *has && is(name))
+            || TracingArgs::FLAGS.iter().any(|flag| !has(flag) && is(flag))
     };
     line.flags.retain(|flag| !of_path(flag));
+    for catalogue in &run.tracing.glass_catalog {
+        let catalogue = catalogue.to_str().ok_or_else(|| {
+            usage("the path of a --glass-catalog is not UTF-8, so it cannot be stored in a plan")
+        })?;
+        line.flags.push(format!("--glass-catalog={}", absolute_path(catalogue)?));
+    }
     for group in &run.surfaces.hidden {
         let group = if group == NO_HIDDEN { group.clone() } else { absolute_chart(group)? };
         line.flags.push(format!("--hidden={group}"));

@@ -28,10 +28,11 @@ pub fn command(args: &ShootArgs) -> Result<u8> {
             "{out} is not developed: --white, --demosaic and --even-light are for pictures"
         )));
     }
-    if args.even_light && (args.surfaces.focus_m.is_some() || !args.surfaces.gap.is_empty()) {
+    let is_as_designed = args.surfaces.focus_m.is_none() && args.surfaces.gap.is_empty();
+    if args.even_light && !(is_as_designed && args.tracing.given().is_empty()) {
         return Err(usage(
-            "--even-light divides by the relative illumination of the lens as designed, not of another focus: develop with `lenscube develop --shading` and a flat \
-             field, or give a lens pack traced with --focus-m",
+            "--even-light divides by the relative illumination of the lens as designed, not of another focus or trace: develop with `lenscube develop --shading` and a flat \
+             field, or give a lens pack traced by `lenscube lens trace` with these flags",
         ));
     }
     check_absent(&args.out, args.overwrite)?;
@@ -49,6 +50,7 @@ pub fn command(args: &ShootArgs) -> Result<u8> {
         chart_units: args.chart_units.clone(),
         check_input: args.check_input,
         surfaces: args.surfaces.clone(),
+        tracing: args.tracing.clone(),
         placement: PlacementArgs { film_pitch_um: args.film_pitch_um, ..PlacementArgs::default() },
         threads: args.threads,
         memory: args.memory,

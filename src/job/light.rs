@@ -21,7 +21,7 @@ pub fn check(args: &RunArgs, bands: &[BandPlan]) -> Result<()> {
         if mean < MIN_LIGHT {
             let cause =
                 args.placement.film_pitch_um.and_then(likely_pitch).unwrap_or_else(|| {
-                    "use a coarser --film-pitch-um, or a lens pack with wider windows".into()
+                    "use a coarser --film-pitch-um, or a lens with wider windows (of a design --max-window-px)".into()
                 });
             return Err(usage(format!(
                 "at {} nm the PSF windows of the lens hold only {:.1} % of the light (mean over heights); {cause}",

@@ -94,7 +94,7 @@ impl Opened {
     /// # Errors
     /// They cannot be opened; the film's pitch is not known.
     pub fn new(args: &DepthReportArgs) -> Result<Self> {
-        let lens = UntracedLens::open_focused(&args.lens, &args.surfaces)?;
+        let lens = UntracedLens::open_focused(&args.lens, &args.surfaces, &args.tracing)?;
         let (chart, paths) = scene(args)?;
         let named = Named { chart_name: &args.scene, chart: &chart, lens_name: &args.lens, lens: &lens };
         let frame = frame(&args.placement, named)?;
@@ -180,14 +180,14 @@ impl Preview {
 fn lens_nm(lens: &UntracedLens) -> f64 {
     match lens {
         UntracedLens::Pack(pack) => pack.lens().primary_wavelength_nm,
-        UntracedLens::Design(system, ..) => system.primary_um() * 1e3,
+        UntracedLens::Design(design) => design.system.primary_um() * 1e3,
     }
 }
 
 fn lens_name(lens: &UntracedLens) -> String {
     match lens {
         UntracedLens::Pack(pack) => pack.lens().name.clone(),
-        UntracedLens::Design(system, ..) => system.name.clone(),
+        UntracedLens::Design(design) => design.system.name.clone(),
     }
 }
 
@@ -202,10 +202,15 @@ fn planned(
     let is_flat = lens.is_within_focus(&args.lens, &depth.surfaces, frame.pitch_um)?;
     let (tables, untraced) = match lens {
         UntracedLens::Pack(pack) => (pack.lens().clone(), None),
-        UntracedLens::Design(system, name, _) => {
+        UntracedLens::Design(design) => {
             let options = lens.depth_options(&args.surfaces, depth.range)?;
             let traced_for = TracedFor { surfaces: &depth.surfaces, options };
-            let found = estimated((system, name), frame, &options_of(args.outside), traced_for)?;
+            let found = estimated(
+                (&design.system, &design.name, &args.tracing),
+                frame,
+                &options_of(args.outside),
+                traced_for,
+            )?;
             (found.lens, Some(UntracedNodes { l1: found.l1, bytes: found.bytes }))
         }
     };

@@ -7,6 +7,7 @@
 use super::blur::{check_blur, margin_mm};
 use super::reach::Reach;
 use super::tracing_job::{TracedFor, TracingJob, trace_options};
+use crate::args::TracingArgs;
 use anyhow::Result;
 use pipeline::band::Options;
 use pipeline::design::depth::estimate::{estimate, expected_nodes};
@@ -43,12 +44,12 @@ pub struct EstimatedLens {
 /// # Errors
 /// A ray that does not reach the image; an object too near; a film larger than the lens's field; usage: a surface too far from focus.
 pub fn estimated(
-    (system, name): (&System, &str),
+    (system, name, tracing): (&System, &str, &TracingArgs),
     frame: &Frame,
     options: &Options,
     traced_for: TracedFor<'_>,
 ) -> Result<EstimatedLens> {
-    let job = TracingJob { system, name, frame, options, depth: Some(traced_for) };
+    let job = TracingJob { system, name, frame, options, tracing: Some(tracing), depth: Some(traced_for) };
     let nm = system.primary_um() * 1e3;
     let at_primary = trace_options(nm, 1.0, &job);
     check_blur(&job, &traced_for, &at_primary)?;

@@ -13,7 +13,7 @@ pub enum DesignError {
         problem: String,
     },
     /// A glass that is in no catalogue.
-    #[error("no glass `{name}` in the catalogues{}; give its catalogue (.agf)", nearest_words(.nearest))]
+    #[error("no glass `{name}` in the catalogues{}; give its catalogue (`--glass-catalog FILE.agf`)", nearest_words(.nearest))]
     UnknownGlass {
         /// The name in the design.
         name: String,
@@ -22,8 +22,8 @@ pub enum DesignError {
     },
     /// A wavelength outside the range of a glass's formula.
     #[error(
-        "{um} µm lies outside {first_um}..{last_um} µm, the range of glass {glass}; choose other wavelengths or give a catalogue (.agf) with its \
-         data there",
+        "{um} µm lies outside {first_um}..{last_um} µm, the range of glass {glass}; choose other wavelengths or give a catalogue with its \
+         data there (`--glass-catalog FILE.agf`)",
         um = tidy(.wavelength_um)
     )]
     Wavelength {
@@ -107,7 +107,7 @@ pub enum DesignError {
     },
     /// The PSFs need a window larger than the maximum.
     #[error(
-        "a window of {max_px} film pixels, the maximum, holds {:.1} % of the light of the PSF at {height_mm:.3} mm and {um} µm, at least {:.1} % requested: the lens is out of focus or the film's pixels are too fine; move the film (`--image-plane rms`), trace for coarser pixels (`--film-pitch-um`) or allow less light (`--energy`)",
+        "a window of {max_px} film pixels, the maximum, holds {:.1} % of the light of the PSF at {height_mm:.3} mm and {um} µm, at least {:.1} % requested: the lens is out of focus or the film's pixels are too fine; move the film (`--image-plane rms`), trace for coarser pixels (`--film-pitch-um`), allow less light (`--energy`) or a wider window (`--max-window-px`)",
         100.0 * .held, 100.0 * .requested, um = tidy(.wavelength_um))]
     Window {
         /// Maximum window, film pixels.

@@ -5,14 +5,15 @@ use crate::args::TraceArgs;
 use crate::failure::usage;
 use crate::job::lens::attributes::attributes;
 use crate::job::lens::depth_nodes::needed;
+use crate::job::lens::energy::{MissedEnergy, percent};
 use crate::progress::short_number;
 use crate::progress::{detail_line, log_line, plural, tracing_bar};
 use anyhow::{Context, Result};
 use pipeline::design::System;
 use pipeline::design::depth::estimate::{estimate, expected_nodes, range_that_fits};
 use pipeline::design::depth::trace::{DepthOptions, band, header, nodes};
-use pipeline::design::trace::{Progress, TraceOptions, lens_header};
-use pipeline::psf::blocks::Blocks;
+use pipeline::design::trace::{BandReport, Progress, TraceOptions, lens_header};
+use pipeline::lens::depth::{BandDepth, DepthNode};
 use std::time::Instant;
 
 /// Traces all bands at their depth nodes into the pack of `args`.
@@ -26,7 +27,6 @@ pub fn trace(
     depth: &DepthOptions,
     start: Instant,
 ) -> Result<()> {
-    let options = &TraceOptions { max_window_px: Blocks::widest_window(), ..options.clone() };
     let tracing = || format!("tracing {}", args.design);
     let mut lens = lens_header(system).with_context(tracing)?;
     let mut head = header(system, depth).with_context(tracing)?;
@@ -68,6 +68,22 @@ pub fn trace(
         head.bands.push(traced.nodes);
     }
     bar.finish_and_clear();
+    let of_band = |(band, nodes): (&BandReport, &BandDepth)| {
+        let of_node = |n: &DepthNode| {
+            let least = n.psf_energy.iter().copied().fold(1.0, f64::min);
+            let window_px = n.psf_size as f64 * n.psf_pitch_um / options.film_pitch_um;
+            MissedEnergy::new(options, least, window_px.round() as usize)
+        };
+        nodes.nodes.iter().filter_map(of_node).map(|missed| (missed, band.wavelength_nm)).collect::<Vec<_>>()
+    };
+    let missed = std::iter::zip(&reports, &head.bands).flat_map(of_band);
+    if let Some((missed, nm)) = missed.min_by(|a, b| a.0.least.total_cmp(&b.0.least)) {
+        log_line(format!(
+            "windows contain at least {} of the light, at {nm} nm ({})",
+            percent(missed.least),
+            missed.request()
+        ));
+    }
     let nodes: usize = head.bands.iter().map(|b| b.nodes.len()).sum();
     lens.depth = Some(head);
     pack.finish(&lens, &attributes(&args.design, &args.parameters, options, &reports))?;
