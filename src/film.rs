@@ -5,7 +5,7 @@ pub mod reported;
 
 use crate::args::RunArgs;
 use crate::failure::other_job;
-use crate::job::{Contents, DIGEST, Job, MTIMES, argument, contents};
+use crate::job::{Contents, DIGEST, Job, MTIMES, UntracedJob, argument, contents};
 use anyhow::{Result, bail};
 use formats::durable::{Lock, Store, fault_point, link_target, parent_of, sweep_entries};
 use formats::film::{FilmSpec, FilmStore};
@@ -69,15 +69,37 @@ pub fn open_store(args: &RunArgs, hint: &str) -> Result<FilmStore> {
 /// Opens the film if it belongs to the job.
 fn open_existing(job: &Job, args: &RunArgs) -> Result<FilmStore> {
     let store = open_store(args, "")?;
-    check_same_job(&store, job, args)?;
+    check_same_job(&store, &job.identity, &job.film, args)?;
     Ok(store)
 }
 
-/// Fails if the film belongs to another job.
-fn check_same_job(store: &FilmStore, job: &Job, args: &RunArgs) -> Result<()> {
-    let recorded = store.provenance().get("job").and_then(Value::as_object).cloned().unwrap_or_default();
-    let differing =
-        [differences(&recorded, &job.identity), layout_differences(store.spec(), &job.film)].concat();
+/// Fails if a film of another job is there, before the lens of `job` is traced: then all is compared but the lens, and the content of a chart that is
+/// identified by it.
+///
+/// # Errors
+/// As [`open`] of an existing film.
+pub fn check_before_tracing(job: &UntracedJob<'_>, args: &RunArgs) -> Result<()> {
+    if !job.is_design() || args.process.overwrite || !Store::at(&link_target(&args.film))?.exists()? {
+        return Ok(());
+    }
+    let store = open_store(args, "")?;
+    check_same_job(&store, &job.identity_with_lens_of(&recorded_job(&store))?, &job.film, args)
+}
+
+/// The identity that a film records.
+fn recorded_job(store: &FilmStore) -> Map<String, Value> {
+    store.provenance().get("job").and_then(Value::as_object).cloned().unwrap_or_default()
+}
+
+/// Fails if the film belongs to another job than that of `identity` with the layout `film`.
+fn check_same_job(
+    store: &FilmStore,
+    identity: &Map<String, Value>,
+    film: &FilmSpec,
+    args: &RunArgs,
+) -> Result<()> {
+    let recorded = recorded_job(store);
+    let differing = [differences(&recorded, identity), layout_differences(store.spec(), film)].concat();
     let trusted = |key: &&str| args.trust_input && is_trustable(key, &recorded);
     let keys: Vec<&str> = differing.iter().map(|d| d.0.as_str()).filter(|k| !trusted(k)).collect();
     if keys.is_empty() {
@@ -197,7 +219,10 @@ fn layout_differences(recorded: &FilmSpec, requested: &FilmSpec) -> Vec<Differen
         let outputs = |spec: &FilmSpec| {
             spec.outputs.iter().map(|o| format!("{} of {}", o.name, o.rect)).collect::<Vec<_>>().join("; ")
         };
-        differing.push(("outputs".into(), outputs(recorded), outputs(requested)));
+        // Size, pitch and axis of the film belong to the identity, which names them.
+        if outputs(recorded) != outputs(requested) {
+            differing.push(("outputs".into(), outputs(recorded), outputs(requested)));
+        }
     }
     differing
 }

@@ -14,7 +14,7 @@ use crate::args::{DepthArgs, Device, EngineArg, NO_HIDDEN, PlanArgs, RunArgs, Tr
 use crate::failure::usage;
 use crate::film;
 use crate::job::film_engine;
-use crate::job::{Job, PlannedBands};
+use crate::job::{Job, PlannedBands, UntracedJob};
 use crate::open::is_builtin;
 use crate::progress::{log_line, plural, print};
 use anyhow::Result;
@@ -51,7 +51,9 @@ pub fn command(args: &PlanArgs, matches: &ArgMatches) -> Result<u8> {
     }
     let command = worker_command(&run, matches)?;
     let engine = film_engine::planned(&args.job)?;
-    let mut job = Job::new(&run)?;
+    let untraced = UntracedJob::new(&run)?;
+    film::check_before_tracing(&untraced, &run)?;
+    let mut job = untraced.traced()?;
     job.engine = engine;
     let plan = make(&job, &run, command, args.unit_rows)?;
     plan.check_output(&args.output)?;

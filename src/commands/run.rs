@@ -90,7 +90,7 @@ pub fn command(args: &RunCommand, matches: &ArgMatches) -> Result<u8> {
 /// Those of the run; the exit code otherwise.
 pub fn run_job(args: &RunArgs, jsonl: Option<&Jsonl>, progress: ProgressArg) -> Result<u8> {
     let start = Instant::now();
-    let job = Job::new(args)?;
+    let job = forecast::resolved(args)?;
     forecast::check_space_of_new_film(&job, args)?;
     interrupt::listen();
     let store = film::open(&job, args)?;
