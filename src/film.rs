@@ -6,6 +6,7 @@ pub mod reported;
 use crate::args::RunArgs;
 use crate::failure::other_job;
 use crate::job::{Contents, DIGEST, Job, MTIMES, UntracedJob, argument, contents};
+use crate::progress::log_line;
 use anyhow::{Result, bail};
 use formats::durable::{Lock, Store, fault_point, link_target, parent_of, sweep_entries};
 use formats::film::{FilmSpec, FilmStore};
@@ -41,7 +42,28 @@ pub fn open(job: &Job, args: &RunArgs) -> Result<FilmStore> {
     }
     // Temporary entries of a creation or removal that was killed.
     sweep_entries(parent_of(&link_target(path)))?;
-    open_existing(job, args)
+    let store = open_store(args, "")?;
+    let same = check_same_job(&store, &job.identity, &job.film, args);
+    if same.is_err() && has_only_failed_runs(&store)? {
+        log_line(format!(
+            "note: {} was begun for another job and has no shard yet: it begins again",
+            path.display()
+        ));
+        remove(path, args.process.take_over)?;
+        return Ok(FilmStore::create(path, job.film.clone(), provenance(job), fsync)?);
+    }
+    same.map(|()| store)
+}
+
+/// Whether runs began the film, not units of a plan, and none of its shards is there: then nothing is lost if another job replaces it.
+fn has_only_failed_runs(store: &FilmStore) -> Result<bool> {
+    let runs = store.group().runs()?;
+    let is_run = |run: &Map<String, Value>| run.get("units").is_none_or(Value::is_null);
+    if runs.is_empty() || !runs.iter().all(is_run) {
+        return Ok(false);
+    }
+    let all: Vec<_> = store.all_shards().collect();
+    Ok(store.shards_bytes(&all)?.iter().all(Option::is_none))
 }
 
 /// Provenance of the film of a job, or what it will be once the film is created; nothing is changed.
@@ -52,7 +74,11 @@ pub fn expected_provenance(job: &Job, args: &RunArgs) -> Result<Map<String, Valu
     if args.process.overwrite || !Store::at(&link_target(&args.film))?.exists()? {
         return Ok(provenance(job));
     }
-    Ok(open_existing(job, args)?.provenance().clone())
+    let store = open_store(args, "")?;
+    match check_same_job(&store, &job.identity, &job.film, args) {
+        Err(_) if has_only_failed_runs(&store)? => Ok(provenance(job)),
+        same => same.map(|()| store.provenance().clone()),
+    }
 }
 
 /// Opens the film of `args`; `hint` is added to the error if there is none.
@@ -66,13 +92,6 @@ pub fn open_store(args: &RunArgs, hint: &str) -> Result<FilmStore> {
     })
 }
 
-/// Opens the film if it belongs to the job.
-fn open_existing(job: &Job, args: &RunArgs) -> Result<FilmStore> {
-    let store = open_store(args, "")?;
-    check_same_job(&store, &job.identity, &job.film, args)?;
-    Ok(store)
-}
-
 /// Fails if a film of another job is there, before the lens of `job` is traced: then all is compared but the lens, and the content of a chart that is
 /// identified by it.
 ///
@@ -83,7 +102,11 @@ pub fn check_before_tracing(job: &UntracedJob<'_>, args: &RunArgs) -> Result<()>
         return Ok(());
     }
     let store = open_store(args, "")?;
-    check_same_job(&store, &job.identity_with_lens_of(&recorded_job(&store))?, &job.film, args)
+    let identity = job.identity_with_lens_of(&recorded_job(&store))?;
+    match check_same_job(&store, &identity, &job.film, args) {
+        Err(_) if has_only_failed_runs(&store)? => Ok(()),
+        same => same,
+    }
 }
 
 /// The identity that a film records.

@@ -111,6 +111,13 @@ fn run_units(units: &Units, given: &RunCommand, matches: &ArgMatches, jsonl: Opt
     if let Some(jsonl) = jsonl {
         jsonl.set_plan(&units.name, &units.listed());
     }
+    if units.is_empty() {
+        log_line("--unit names no unit: nothing to do");
+        if let Some(jsonl) = jsonl {
+            jsonl.write("done", record::nothing_done());
+        }
+        return Ok(0);
+    }
     let args = units.args(&given.job, &CommandLine::given(matches)?)?;
     Guard::of_job(&args).reads("plan", &units.path).check()?;
     interrupt::listen();
