@@ -50,7 +50,11 @@ pub fn command(args: &ShootArgs) -> Result<u8> {
         check_input: args.check_input,
         surfaces: args.surfaces.clone(),
         tracing: args.tracing.clone(),
-        placement: PlacementArgs { film_pitch_um: args.film_pitch_um, ..PlacementArgs::default() },
+        placement: PlacementArgs {
+            film_size: args.film_size,
+            film_pitch_um: args.film_pitch_um,
+            ..PlacementArgs::default()
+        },
         threads: args.threads,
         memory: args.memory,
         ..RunArgs::new(&args.chart, &film)
