@@ -161,6 +161,8 @@ def lenses(place):
     task("run with a table", ["run", chart, "table.zarr", "--lens", "MY.csv", *quick], place)
     task("lens pack", ["lens", "trace", "MY.zmx", "MY.lens.zarr", "--wavelengths", "550", "--max-height-mm", "2", "--heights", "0,1,2"], place, err=["use it with"])
     task("pack beside its design", ["lens", "diff", "MY.zmx", "MY.lens.zarr"], place, out=["psf_l1 0.00"])
+    task("template of tables", ["lens", "import", "--template", "my-lens"], place, err=["README.md"])
+    task("import of the template", ["lens", "import", "my-lens", "my-lens.lens.zarr"], place, err=["2 bands"])
     near = ["lens", "trace", "macro-100", "NEAR.lens.zarr", "--object-distance-mm", "400", "--image-plane", "paraxial", "--wavelengths", "550", "--max-height-mm", "2", "--heights", "0,1,2"]
     task("lens pack of a near object", near, place)
     task("near object", ["run", chart, "near.zarr", "--lens", "NEAR.lens.zarr", "--chart-pitch-mm", "0.02", *quick], place)
