@@ -161,11 +161,16 @@ def lenses(place):
     task("run with a table", ["run", chart, "table.zarr", "--lens", "MY.csv", *quick], place)
     task("lens pack", ["lens", "trace", "MY.zmx", "MY.lens.zarr", "--wavelengths", "550", "--max-height-mm", "2", "--heights", "0,1,2"], place, err=["use it with"])
     task("pack beside its design", ["lens", "diff", "MY.zmx", "MY.lens.zarr"], place, out=["psf_l1 0.00"])
+    task("template of tables", ["lens", "import", "--template", "my-lens"], place, err=["README.md"])
+    task("import of the template", ["lens", "import", "my-lens", "my-lens.lens.zarr"], place, err=["2 bands"])
     near = ["lens", "trace", "macro-100", "NEAR.lens.zarr", "--object-distance-mm", "400", "--image-plane", "paraxial", "--wavelengths", "550", "--max-height-mm", "2", "--heights", "0,1,2"]
     task("lens pack of a near object", near, place)
     task("near object", ["run", chart, "near.zarr", "--lens", "NEAR.lens.zarr", "--chart-pitch-mm", "0.02", *quick], place)
     task("near object without a distance", ["run", chart, "no.zarr", "--lens", "macro-100", "--chart-pitch-mm", "0.02"], place, code=2, err=["--object-distance-mm"])
     task("film beyond the field", ["run", "gen:uniform?size=1000&wavelengths=550", "beyond.zarr", "--lens", "phone", "--film-pitch-um", "8", *quick, "--dry-run"], place, code=None, err=["beyond the outermost field point"])
+    task("pitch in mm", ["run", chart, "no.zarr", "--lens", "phone", "--film-pitch-um", "0.005"], place, code=2, err=["in mm? Then give `--film-pitch-um 5`"])
+    task("wavelengths in µm", ["run", "cube.npy", "no.zarr", "--axes", "y,x,wavelength", "--wavelengths", "0.45:0.65:0.05"], place, code=2, err=["in µm? Then it is 450 nm"])
+    task("film of another job of a design", ["run", chart, "zmx.zarr", "--lens", "MY.zmx", "--film-pitch-um", "4", *quick], place, code=3, err=["--film-pitch-um (film 5.0, requested 4.0)"])
     task("lens that does not exist", ["run", chart, "no.zarr", "--lens", "double-gaus-28"], place, code=2, err=["double-gaus-28"])
 
 

@@ -34,12 +34,14 @@ pub mod npz;
 mod options;
 pub mod psf_listing;
 pub mod tables;
+mod template;
 mod text;
 pub mod window;
 mod write;
 
 pub use error::ImportError;
 pub use options::{Format, ImportOptions};
+pub use template::TEMPLATE;
 pub use write::{Imported, write};
 
 use std::path::Path;

@@ -135,6 +135,12 @@ pub(super) fn threads(text: &str) -> Result<usize, String> {
     }
 }
 
+/// A number of units.
+pub(super) fn units(text: &str) -> Result<usize, String> {
+    let number = text.trim().parse::<usize>().ok().filter(|n| (1..=1_000_000).contains(n));
+    number.ok_or_else(|| "expected a number of units from 1 to 1000000".into())
+}
+
 pub(super) fn shard_rows(text: &str) -> Result<usize, String> {
     match text.parse::<usize>() {
         Ok(n) if n > 0 => Ok(n),

@@ -126,9 +126,15 @@ fn of_lens(command: &LensCommand) -> Guard {
             .reads_as("design", &args.design, catalogues(&args.design))
             .writes("OUT", &args.out)
             .writes("OUT", catalogue_path(&args.out)),
-        LensCommand::Import(args) => guard
-            .reads_as("source", &args.source.display().to_string(), entries(&args.source))
-            .writes("OUT.lens.zarr", &args.out),
+        LensCommand::Import(args) => {
+            let sources = args.source.iter();
+            let guard = sources.fold(guard, |guard, source| {
+                guard.reads_as("source", &source.display().to_string(), entries(source))
+            });
+            guard
+                .may_write("OUT.lens.zarr", args.out.as_ref())
+                .may_write("--template", args.template.as_ref())
+        }
         LensCommand::List(args) => guard.may_write("--plot", args.plot.as_ref()),
         LensCommand::Diff(_) | LensCommand::Camera(_) => guard,
     }

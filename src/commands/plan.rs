@@ -14,7 +14,7 @@ use crate::args::{DepthArgs, Device, EngineArg, NO_HIDDEN, PlanArgs, RunArgs, Tr
 use crate::failure::usage;
 use crate::film;
 use crate::job::film_engine;
-use crate::job::{Job, PlannedBands};
+use crate::job::{Job, PlannedBands, UntracedJob};
 use crate::open::is_builtin;
 use crate::progress::{log_line, plural, print};
 use anyhow::Result;
@@ -51,9 +51,11 @@ pub fn command(args: &PlanArgs, matches: &ArgMatches) -> Result<u8> {
     }
     let command = worker_command(&run, matches)?;
     let engine = film_engine::planned(&args.job)?;
-    let mut job = Job::new(&run)?;
+    let untraced = UntracedJob::new(&run)?;
+    film::check_before_tracing(&untraced, &run)?;
+    let mut job = untraced.traced()?;
     job.engine = engine;
-    let plan = make(&job, &run, command, args.unit_rows)?;
+    let plan = make(&job, &run, command, args)?;
     plan.check_output(&args.output)?;
     let store = film::open(&job, &run)?;
     film_engine::check(&store, engine, run.mixed_engines)?;
@@ -68,8 +70,8 @@ pub fn command(args: &PlanArgs, matches: &ArgMatches) -> Result<u8> {
     Ok(0)
 }
 
-fn make(job: &Job, run: &RunArgs, command: CommandLine, unit_rows: Option<usize>) -> Result<Plan> {
-    let units = cut::units(job, unit_rows);
+fn make(job: &Job, run: &RunArgs, command: CommandLine, args: &PlanArgs) -> Result<Plan> {
+    let units = cut::units(job, args.unit_rows, args.units);
     let provenance = film::expected_provenance(job, run)?;
     let attribute = |key: &str| provenance.get(key).and_then(Value::as_str).unwrap_or_default().to_owned();
     Ok(Plan {
@@ -144,13 +146,14 @@ fn print_summary(plan: &Plan, path: &Path) {
     let core_s =
         |pick: fn(f64, f64) -> f64| plan.units.iter().map(|u| u.cost.core_s).reduce(pick).unwrap_or(0.0);
     log_line(format!(
-        "{}: {}, 0 to {}, of at most {} x {} each, {shards} shards; tiles at unit borders are computed in both \
+        "{}: {}, 0 to {}, of at most {} x {} each, {}; tiles at unit borders are computed in both \
          units: {tiles_again} of {tiles} ({:.1} %)",
         path.display(),
         plural(n, "unit"),
         n - 1,
         plural(first.bands.len(), "band"),
         plural(rows, "shard row"),
+        plural(shards, "shard"),
         100.0 * tiles_again as f64 / tiles as f64
     ));
     log_line(format!(

@@ -5,6 +5,7 @@ use crate::args::{
     DevelopArgs, DevelopStyle, ExposeArgs, PlacementArgs, ProgressArg, RunArgs, ShootArgs, check_directory,
 };
 use crate::failure::{replacing_other_job, usage};
+use crate::job::UntracedJob;
 use crate::outputs::check_absent;
 use crate::progress::log_line;
 use anyhow::{Context, Result};
@@ -38,10 +39,8 @@ pub fn command(args: &ShootArgs) -> Result<u8> {
     check_absent(&args.out, args.overwrite)?;
     let directory = directory(args);
     check_directory(&directory)?;
-    formats::durable::create_directories(&directory, true)?;
     let [film, raw] = STORES.map(|name| text(&directory.join(name)));
     let (film, raw) = (film?, raw?);
-    log_line("1/3  film");
     let job = RunArgs {
         lens: args.lens.clone(),
         var: args.var.clone(),
@@ -51,11 +50,19 @@ pub fn command(args: &ShootArgs) -> Result<u8> {
         check_input: args.check_input,
         surfaces: args.surfaces.clone(),
         tracing: args.tracing.clone(),
-        placement: PlacementArgs { film_pitch_um: args.film_pitch_um, ..PlacementArgs::default() },
+        placement: PlacementArgs {
+            film_size: args.film_size,
+            film_pitch_um: args.film_pitch_um,
+            ..PlacementArgs::default()
+        },
         threads: args.threads,
         memory: args.memory,
         ..RunArgs::new(&args.chart, &film)
     };
+    // What the sensor and the picture refuse is known before the film is made.
+    sensor::check_film_pitch(&args.sensor, UntracedJob::new(&job)?.pitch_um())?;
+    formats::durable::create_directories(&directory, true)?;
+    log_line("1/3  film");
     let code = replacing_other_job(
         args.overwrite,
         || run::run_job(&job, None, ProgressArg::Auto),

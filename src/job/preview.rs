@@ -9,6 +9,7 @@ use super::stretch::RemapStretch;
 use crate::args::{DepthArgs, DepthMiss, DepthReportArgs};
 use crate::failure::{line, usage};
 use crate::job::cost::core_s;
+use crate::job::lens::depth_nodes::trace_core_s;
 use crate::job::lens::{TracedFor, UntracedLens, estimated};
 use crate::job::memory::{GpuDemand, Memory, MemoryInputs};
 use crate::machine::{MAX_DEFAULT, MemoryLimit, threads};
@@ -48,6 +49,8 @@ pub struct UntracedNodes {
     pub l1: f64,
     /// Their PSFs, bytes.
     pub bytes: u64,
+    /// Core seconds of their trace.
+    pub core_s: f64,
 }
 
 /// Plan of a band.
@@ -211,7 +214,14 @@ fn planned(
                 &options_of(args.outside),
                 traced_for,
             )?;
-            (found.lens, Some(UntracedNodes { l1: found.l1, bytes: found.bytes }))
+            (
+                found.lens,
+                Some(UntracedNodes {
+                    l1: found.l1,
+                    bytes: found.needed.bytes,
+                    core_s: trace_core_s(&found.needed),
+                }),
+            )
         }
     };
     let primary = lens_nm(lens);

@@ -269,3 +269,24 @@ fn diff_of_equal_lenses_is_zero_and_of_a_defocused_lens_large() {
         &["nowhere.lens.zarr"],
     );
 }
+
+#[test]
+fn former_names_of_size_and_pitch_are_read() {
+    let camera = |size: &str, pitch: &str| {
+        lenscube(&["lens", "camera", "triplet", size, "300x200", pitch, "5", "--json"]).ok().stdout
+    };
+    assert_eq!(camera("--film-size", "--film-pitch-um"), camera("--film", "--pitch-um"));
+    let help = lenscube(&["lens", "camera", "--help"]).ok().stdout;
+    assert!(help.contains("--film-size") && !help.contains("--pitch-um "), "{help}");
+    let dir = tempfile::tempdir().unwrap();
+    let chart = |name: &str, size: &str, pitch: &str| {
+        let path = dir.path().join(name);
+        lenscube(&["chart", "checker", text(&path), size, "60x40", pitch, "3", "--wavelengths", "550"]).ok();
+        files(&path)
+    };
+    assert!(chart("a", "--film-size", "--film-pitch-um") == chart("b", "--size", "--pitch-um"));
+    for command in ["validate", "bench", "demo"] {
+        let words = [command, "--size", "12", "--film-size", "12"];
+        assert_exit(&lenscube(&words), USAGE, &["--film-size"]);
+    }
+}

@@ -422,3 +422,59 @@ fn energy_that_windows_miss_is_part_of_the_result() {
         job.run("cache", "film", &["--bands", "0", "--energy", "0.9999", "--max-window-px", "21"]).ok();
     assert!(film.stderr.contains("of the light (at 450 nm) instead of 99.99 %"), "{}", film.stderr);
 }
+
+#[test]
+fn what_is_known_before_tracing_is_said_before_it() {
+    let job = DesignJob::new();
+    job.run("first", "film", &["--bands", "0"]).ok();
+    let untouched = |result: &CommandResult, cache: &str| {
+        assert!(!result.stderr.contains("tracing the bands"), "{}", result.stderr);
+        assert!(!job.at(cache).join("lenscube/lenses").exists(), "{}", result.stderr);
+    };
+    let other = job.run("second", "film", &["--bands", "0", "--film-pitch-um", "12"]);
+    assert_exit(&other, OTHER_JOB, &["belongs to another job: --film-pitch-um (film 10.0, requested 12.0)"]);
+    assert!(!other.stderr.contains("outputs"), "{}", other.stderr);
+    untouched(&other, "second");
+    let plan = job.at("plan.json");
+    let chart = job.at("chart");
+    let words = ["plan", text(&chart), text(&job.at("film")), "--film-pitch-um", "12", "-o", text(&plan)]
+        .map(str::to_owned);
+    let mut command = Command::new(env!("CARGO_BIN_EXE_lenscube"));
+    command.args(words).args(["--lens", text(&job.design), "--bands", "0"]);
+    let planned = CommandResult::new(&command.env("XDG_CACHE_HOME", job.at("third")).output().unwrap());
+    assert_exit(&planned, OTHER_JOB, &["belongs to another job"]);
+    untouched(&planned, "third");
+    // 7 x 7 km of 10 µm pixels, of which no disk holds a band.
+    let wide = ["--film-size", "1000000x1000000", "--dry-run"];
+    let full = job.run("fourth", "wide", &wide);
+    assert_exit(&full, 75, &["the disk is too small"]);
+    untouched(&full, "fourth");
+    for (pitch, words) in
+        [("0.002", "in mm? Then give `--film-pitch-um 2`"), ("5000", "in nm? Then give `--film-pitch-um 5`")]
+    {
+        let unit = job.run("fifth", "unit", &["--film-pitch-um", pitch, "--lens", "phone"]);
+        assert_exit(&unit, USAGE, &[words]);
+        assert!(!job.at("fifth/lenscube/lenses").exists() || job.entries("fifth").is_empty());
+    }
+    let picture = job.at("picture.png");
+    let mut command = Command::new(env!("CARGO_BIN_EXE_lenscube"));
+    command.args([
+        "shoot",
+        text(&chart),
+        text(&picture),
+        "--lens",
+        "phone",
+        "--sensor",
+        "example-2um",
+        "--film-pitch-um",
+        "5",
+    ]);
+    let shot = CommandResult::new(&command.env("XDG_CACHE_HOME", job.at("sixth")).output().unwrap());
+    assert_exit(
+        &shot,
+        USAGE,
+        &["sensor pixels of 2 µm on a film of 5 µm", "give `--film-pitch-um 2` or less"],
+    );
+    untouched(&shot, "sixth");
+    assert!(!job.at("picture.png.shot").exists());
+}

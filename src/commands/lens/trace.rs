@@ -9,7 +9,7 @@ use crate::design;
 use crate::failure::{other_job, usage};
 use crate::job::lens::attributes::attributes;
 use crate::job::lens::energy::{MissedEnergy, percent};
-use crate::progress::{detail_line, log_line, plural, tracing_bar};
+use crate::progress::{TracingBar, detail_line, log_line, plural};
 use anyhow::{Context, Result};
 use estimate::{Needed, estimate};
 use formats::design::builtin::SAMPLE;
@@ -59,11 +59,11 @@ pub fn command(args: &TraceArgs) -> Result<()> {
         ));
     }
     let pack = create_pack(&args.out)?;
-    let bar = tracing_bar(options.wavelengths_nm.len());
+    let bar = TracingBar::new(options.wavelengths_nm.len());
     let mut reports: Vec<BandReport> = Vec::new();
     let mut progress = |p: Progress| {
-        bar.set_position(p.band as u64);
-        bar.set_message(format!("{} nm: {} ({} PSFs)", options.wavelengths_nm[p.band], p.step, p.psfs));
+        bar.set_bands(p.band);
+        bar.step(format!("{} nm: {} ({} PSFs)", options.wavelengths_nm[p.band], p.step, p.psfs));
     };
     let result = write_beside(pack, stored, |write| {
         trace_lens(&system, &options, &mut progress, |index, band| {
@@ -72,7 +72,7 @@ pub fn command(args: &TraceArgs) -> Result<()> {
             write(index, band)
         })
     });
-    bar.finish_and_clear();
+    bar.finish();
     let context = || format!("tracing {}", args.design);
     let (traced, pack) = result.with_context(context)?;
     let lens = traced.with_context(context)?;

@@ -19,7 +19,7 @@ use crate::design;
 use crate::failure::line;
 use crate::job::lens::cache::{self, Cache};
 use crate::job::lens::samples::design_reach_mm;
-use crate::progress::{jsonl, log_line, tracing_bar};
+use crate::progress::{TracingBar, jsonl, log_line};
 use anyhow::{Context, Result};
 use formats::lens::{LensPack, band_digest};
 use pipeline::design::ray::Tracer;
@@ -98,7 +98,7 @@ pub(super) fn trace(job: &TracingJob<'_>, wavelengths_nm: &[f64], threads: usize
         cache: Cache::open()?,
         shared: SharedNodes::default(),
         threads,
-        bar: tracing_bar(nm.len()),
+        bar: TracingBar::new(nm.len()),
         traced: 0,
         is_announced: false,
     };
@@ -126,10 +126,10 @@ pub(super) fn trace(job: &TracingJob<'_>, wavelengths_nm: &[f64], threads: usize
             all.bands.extend(depth.bands.iter().cloned());
         }
         packs.push(Arc::new(pack));
-        tracer.bar.inc(1);
+        tracer.bar.band_done();
         jsonl::traced(done + 1, bands);
     }
-    tracer.bar.finish_and_clear();
+    tracer.bar.finish();
     let (mut notes, mut details) = (Vec::new(), Vec::new());
     if design::is_builtin(name) { &mut details } else { &mut notes }.extend(system.notes.iter().cloned());
     if tracer.traced > 0 {
@@ -213,7 +213,7 @@ pub(super) struct BandTracer<'a> {
     pub(super) cache: Cache,
     pub(super) shared: SharedNodes,
     pub(super) threads: usize,
-    pub(super) bar: indicatif::ProgressBar,
+    pub(super) bar: TracingBar,
     /// Number of bands that were not in the cache.
     pub(super) traced: usize,
     /// Whether tracing was announced.
@@ -289,7 +289,7 @@ impl BandTracer<'_> {
         }
         self.traced += 1;
         let (bar, threads, shared) = (&self.bar, self.threads, &mut self.shared);
-        let mut progress = |p: Progress| bar.set_message(format!("{nm} nm: {} ({} PSFs)", p.step, p.psfs));
+        let mut progress = |p: Progress| bar.step(format!("{nm} nm: {} ({} PSFs)", p.step, p.psfs));
         let (header, band) = with_threads(threads, || {
             let trace = LensTrace::new(system, options)?;
             let band = trace.band_sharing(0, shared, &mut progress)?;

@@ -7,11 +7,11 @@ use crate::job::lens::attributes::attributes;
 use crate::job::lens::depth_nodes::needed;
 use crate::job::lens::energy::{MissedEnergy, percent};
 use crate::progress::short_number;
-use crate::progress::{detail_line, log_line, plural, tracing_bar};
+use crate::progress::{TracingBar, detail_line, log_line, plural};
 use anyhow::{Context, Result};
 use pipeline::design::System;
-use pipeline::design::depth::estimate::{estimate, expected_nodes, range_that_fits};
-use pipeline::design::depth::trace::{DepthOptions, band, header, nodes};
+use pipeline::design::depth::estimate::{estimate, range_that_fits};
+use pipeline::design::depth::trace::{DepthOptions, band, estimated_nodes, header, nodes};
 use pipeline::design::trace::{BandReport, Progress, TraceOptions, lens_header};
 use pipeline::lens::depth::{BandDepth, DepthNode};
 use std::time::Instant;
@@ -39,15 +39,15 @@ pub fn trace(
     ));
     announce(args, system, options, depth).with_context(tracing)?;
     let mut pack = create_pack(&args.out)?;
-    let bar = tracing_bar(options.wavelengths_nm.len());
+    let bar = TracingBar::new(options.wavelengths_nm.len());
     let mut reports = Vec::new();
     for (index, nm) in options.wavelengths_nm.iter().enumerate() {
         let mut progress = |p: Progress| {
-            bar.set_position(p.band as u64);
-            bar.set_message(format!("{nm} nm: {}", p.step));
+            bar.set_bands(p.band);
+            bar.step(format!("{nm} nm: {}", p.step));
         };
         let sink = |node: usize, stack: &_| pack.psf_of_node(index, node, stack);
-        bar.set_message(format!("{nm} nm: placing depth nodes"));
+        bar.step(format!("{nm} nm: placing depth nodes"));
         let placement = nodes(system, options, index, depth).with_context(tracing)?;
         let placed = (depth, placement);
         let traced = band(system, options, index, placed, &mut progress, sink).with_context(tracing)?;
@@ -67,7 +67,7 @@ pub fn trace(
         lens.bands.push(traced.tables);
         head.bands.push(traced.nodes);
     }
-    bar.finish_and_clear();
+    bar.finish();
     let of_band = |(band, nodes): (&BandReport, &BandDepth)| {
         let of_node = |n: &DepthNode| {
             let least = n.psf_energy.iter().copied().fold(1.0, f64::min);
@@ -112,9 +112,9 @@ fn announce(args: &TraceArgs, system: &System, options: &TraceOptions, depth: &D
             1.0 / fits.1,
         )));
     }
-    let blur_px = header(system, depth)?.blur_per_dioptre_um / options.film_pitch_um;
     let (bands, middle) = (options.wavelengths_nm.len(), options.wavelengths_nm.len() / 2);
-    let all = estimate(system, options, middle, depth, &expected_nodes(depth, blur_px))?.times(bands);
+    let expected = estimated_nodes(system, options, middle, depth)?;
+    let all = estimate(system, options, middle, depth, &expected)?.times(bands);
     let cores = std::thread::available_parallelism().map_or(1, |n| n.get());
     let (seconds, text) = needed(&all, cores);
     let gb = all.bytes as f64 * 1e-9;
