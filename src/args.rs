@@ -18,6 +18,7 @@ mod export;
 pub mod help;
 mod import;
 mod lens;
+mod light;
 mod manual;
 mod measure;
 mod placement;
@@ -43,12 +44,13 @@ pub use depth::{
     CoverageLight, DEPTH_TOLERANCE, DepthArgs, DepthEdges, DepthKind, DepthMiss, DepthUnit, NO_HIDDEN,
 };
 pub use depth_report::DepthReportArgs;
-pub use design::{DESIGN_FILES, DesignArgs, ImagePlaneArg};
+pub use design::{CoatingsArg, DESIGN_FILES, DesignArgs, ImagePlaneArg};
 pub use develop::{DevelopArgs, DevelopStyle, ToneArg};
 pub use device::{Device, DeviceArgs, DeviceCommand, EngineArg};
 pub use export::{ExportArgs, ExportFormatArg};
 pub use import::ImportArgs;
 pub use lens::{ConvertArgs, DiffArgs, LensArgs, LensCommand, ListArgs, ShowArgs, Store, TraceArgs};
+pub use light::LightArgs;
 pub use manual::{CompletionsArgs, HelpArgs, ManArgs};
 pub use measure::MeasureArgs;
 pub use placement::{FitArg, PlacementArgs};

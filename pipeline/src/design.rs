@@ -7,7 +7,7 @@
 //! | [`prescription`] | [`system`] (surfaces, aperture, fields), [`shape`] of a surface, [`glass`]es, their built-in table ([`glass_library`]) and [`model_glass`]es, their [`absorption`], the [`coating`]s of surfaces and of a lens ([`coatings`]), [`error`] |
 //! | [`rays`] | [`paraxial`]: pupils and focal lengths. [`ray`]: real rays through each `surface`, with derivatives by `scalar`; `aim` finds the pupil of each field point, `field` the field point of an image height; `losses`: light lost on the way; `ray_budget`: the rays that a search may aim |
 //! | [`pupil`] | the open part of the pupil and its sampling; [`bundle`]: its rays; [`illumination`]: RI, the light of a bundle per area of the film; `function`, `disc`, `pupils`: pupil functions, also between traced heights |
-//! | [`figures`] | [`mod@describe`]: first-order data; [`spots`]: spot diagrams and best focus; [`field_figures`]; [`image_circle`]; [`crossing`]: surfaces that cross; `aiming_check`: whether paraxial aiming is accurate enough; `refocus`: the film at another focus |
+//! | [`figures`] | [`mod@describe`]: first-order data; [`spots`]: spot diagrams and best focus; [`field_figures`]; [`image_circle`]; [`light`]: transmission; [`crossing`]: surfaces that cross; `aiming_check`: whether paraxial aiming is accurate enough; `refocus`: the film at another focus |
 //! | [`psf`] | a Huygens sum over rays, by `nufft` and `fourier`; [`film_pixel`]: shares per film pixel; [`pupil_stack`]: PSFs computed from stored pupil functions |
 //! | [`tables`] | [`mod@trace`]: the tables of one band; `window`, `grid`, `refine`: window, heights and azimuths by error; [`depth`]: depth nodes |
 //!
@@ -20,7 +20,7 @@ pub mod pupil;
 pub mod rays;
 pub mod tables;
 
-pub use figures::{crossing, describe, field_figures, image_circle, spots};
+pub use figures::{crossing, describe, field_figures, image_circle, light, spots};
 pub use prescription::{
     absorption, coating, coatings, error, glass, glass_library, model_glass, shape, system,
 };

@@ -4,6 +4,7 @@ use super::camera::CameraArgs;
 use super::choices::{STYLE, one_of};
 use super::design::{DESIGN_FILES, Depths, DesignArgs, depths, focus_m};
 use super::import::ImportArgs;
+use super::light::LightArgs;
 use super::values::{bounded, pitch, positive, share, window_px};
 use clap::{Args, Subcommand, ValueEnum};
 use formats::design::{endings_written, names_read, names_written};
@@ -34,6 +35,8 @@ pub enum LensCommand {
     Trace(Box<TraceArgs>),
     /// Print the pinhole camera whose picture is the chart of a film, for a renderer
     Camera(Box<CameraArgs>),
+    /// Print what a lens leaves of the light: transmission, reflectance of each surface
+    Light(Box<LightArgs>),
     /// List the built-in lenses with their sources
     List(ListArgs),
     #[command(

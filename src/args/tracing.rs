@@ -1,7 +1,7 @@
 //! How a design is traced for a film: flags of a job, as `lens trace` has them.
 
 use super::choices::{AIMING, one_of};
-use super::design::{DesignArgs, Gap, ImagePlaneArg, configuration};
+use super::design::{CoatingsArg, DesignArgs, Gap, ImagePlaneArg, configuration};
 use super::values::{share, window_px};
 use clap::Args;
 use pipeline::design::system::RayAiming;
@@ -24,6 +24,10 @@ pub struct TracingArgs {
     /// Glass catalogue in AGF format, in addition to the built-in glasses and to those beside the design; repeatable
     #[arg(long, value_name = "FILE.agf")]
     pub glass_catalog: Vec<PathBuf>,
+    /// Light lost at surfaces and in glass: ideal (none is), none (bare surfaces), mgf2[@NM] (a quarter wave at 550 nm or NM), design (as the design names
+    /// them), or a file of coatings (.toml, .dat); all but ideal with the absorption of the glasses
+    #[arg(long, value_name = "COATINGS|FILE", value_parser = CoatingsArg::parse, default_value = "ideal")]
+    pub coatings: CoatingsArg,
     /// Minimum share of the energy inside every PSF window [default: 0.99]
     #[arg(long, value_name = "SHARE", value_parser = share)]
     pub energy: Option<f64>,
@@ -40,23 +44,33 @@ impl TracingArgs {
             aiming: self.aiming,
             configuration: self.configuration,
             glass_catalog: self.glass_catalog.clone(),
+            coatings: self.coatings.clone(),
             gap: gap.to_vec(),
             ..DesignArgs::default()
         }
     }
 
     /// The flags of this group.
-    pub const FLAGS: [&str; 6] =
-        ["--image-plane", "--aiming", "--configuration", "--glass-catalog", "--energy", "--max-window-px"];
+    pub const FLAGS: [&str; 7] = [
+        "--image-plane",
+        "--aiming",
+        "--configuration",
+        "--glass-catalog",
+        "--coatings",
+        "--energy",
+        "--max-window-px",
+    ];
 
     /// Those of [`TracingArgs::FLAGS`] that are given.
     pub fn given(&self) -> Vec<&'static str> {
-        let Self { image_plane, aiming, configuration, glass_catalog, energy, max_window_px } = self;
+        let Self { image_plane, aiming, configuration, glass_catalog, coatings, energy, max_window_px } =
+            self;
         let is_given = [
             *image_plane != ImagePlaneArg::default(),
             aiming.is_some(),
             configuration.is_some(),
             !glass_catalog.is_empty(),
+            *coatings != CoatingsArg::Ideal,
             energy.is_some(),
             max_window_px.is_some(),
         ];

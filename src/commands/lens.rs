@@ -7,6 +7,7 @@ mod cross_section;
 mod curves;
 mod diff;
 mod import;
+mod light;
 mod list;
 pub mod plots;
 mod psf_figure;
@@ -24,6 +25,7 @@ pub fn command(args: &LensArgs) -> Result<()> {
         LensCommand::Show(args) => show::command(args),
         LensCommand::Diff(args) => diff::command(args),
         LensCommand::Camera(args) => camera::command(args),
+        LensCommand::Light(args) => light::command(args),
         LensCommand::List(args) => list::command(args),
         LensCommand::Convert(args) => convert::command(args),
         LensCommand::Trace(args) => trace::command(args),

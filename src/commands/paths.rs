@@ -136,7 +136,7 @@ fn of_lens(command: &LensCommand) -> Guard {
                 .may_write("--template", args.template.as_ref())
         }
         LensCommand::List(args) => guard.may_write("--plot", args.plot.as_ref()),
-        LensCommand::Diff(_) | LensCommand::Camera(_) => guard,
+        LensCommand::Diff(_) | LensCommand::Camera(_) | LensCommand::Light(_) => guard,
     }
 }
 
@@ -164,9 +164,10 @@ fn of_shot(args: &ShootArgs) -> Guard {
     }
 }
 
-/// Glass catalogues that are given.
+/// Glass catalogues and coatings that are given.
 fn design(guard: Guard, args: &DesignArgs) -> Guard {
-    args.glass_catalog.iter().fold(guard, |guard, path| guard.reads("glass catalogue", path))
+    let guard = args.glass_catalog.iter().fold(guard, |guard, path| guard.reads("glass catalogue", path));
+    args.coatings.file().into_iter().fold(guard, |guard, path| guard.reads("coatings", path))
 }
 
 /// What is in a folder of exports, where a pack may be written under another name; else the path itself.

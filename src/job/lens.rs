@@ -364,6 +364,14 @@ impl JobLens {
         }
     }
 
+    /// For a film in physical units: what coatings would take from the light of a design without them.
+    pub fn ideal_light(&self) -> Option<&str> {
+        match self {
+            Self::Pack(_) => None,
+            Self::Traced(traced) => traced.ideal_light.as_deref(),
+        }
+    }
+
     /// Notes for `--verbose`: those on the glasses of a built-in design.
     pub fn details(&self) -> &[String] {
         match self {

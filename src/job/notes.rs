@@ -45,6 +45,7 @@ pub fn notes(args: &RunArgs, chart: &Chart, plan: &JobPlan) -> Result<Vec<String
     }
     if args.film_units != FilmUnits::Relative {
         notes.extend(radiance_note(args, chart));
+        notes.extend(plan.lens.ideal_light().map(str::to_owned));
     }
     Ok(notes)
 }

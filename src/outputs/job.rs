@@ -16,7 +16,8 @@ impl Guard {
 
     /// Adds glass catalogues.
     pub fn reads_glasses(self, args: &TracingArgs) -> Self {
-        args.glass_catalog.iter().fold(self, |guard, path| guard.reads("glass catalogue", path))
+        let guard = args.glass_catalog.iter().fold(self, |guard, path| guard.reads("glass catalogue", path));
+        args.coatings.file().into_iter().fold(guard, |guard, path| guard.reads("coatings", path))
     }
 
     /// Adds distances and hidden surfaces.

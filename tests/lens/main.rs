@@ -1,12 +1,15 @@
 //! `lenscube lens trace | show | diff`, and runs whose lens is a design.
 
+mod coatings;
 mod commands;
 #[path = "../common/mod.rs"]
 mod common;
 mod design_files;
 mod runs;
 
-use common::{CommandResult, Picture, assert_exit, bits, files, lenscube, pixels, text};
+use common::{
+    CommandResult, Picture, assert_error_line, assert_exit, bits, files, lenscube, pairs, pixels, text,
+};
 use formats::lens::LensPack;
 use pipeline::geometry::Size;
 use serde_json::Value;

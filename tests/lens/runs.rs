@@ -3,13 +3,13 @@
 use super::*;
 
 /// Design file, chart and caches of traced bands.
-struct DesignJob {
+pub(super) struct DesignJob {
     dir: tempfile::TempDir,
     design: PathBuf,
 }
 
 impl DesignJob {
-    fn new() -> Self {
+    pub(super) fn new() -> Self {
         let dir = tempfile::tempdir().unwrap();
         let design = dir.path().join("my.zmx");
         fs::write(&design, DESIGN).unwrap();
@@ -17,12 +17,12 @@ impl DesignJob {
         Self { dir, design }
     }
 
-    fn at(&self, name: &str) -> PathBuf {
+    pub(super) fn at(&self, name: &str) -> PathBuf {
         self.dir.path().join(name)
     }
 
     /// Runs with a film half a millimetre wide, so that few PSFs are traced.
-    fn run(&self, cache: &str, film: &str, flags: &[&str]) -> CommandResult {
+    pub(super) fn run(&self, cache: &str, film: &str, flags: &[&str]) -> CommandResult {
         let (chart, film) = (self.at("chart"), self.at(film));
         let mut command = Command::new(env!("CARGO_BIN_EXE_lenscube"));
         command.args(["run", text(&chart), text(&film), "--no-fsync"]);
@@ -69,7 +69,7 @@ fn traced_bands_are_equal_in_one_run_in_two_runs_and_from_the_cache() {
 }
 
 /// Attributes of a film.
-fn attributes(film: &Path) -> Value {
+pub(super) fn attributes(film: &Path) -> Value {
     let text = fs::read_to_string(film.join("zarr.json")).unwrap();
     serde_json::from_str::<Value>(&text).unwrap()["attributes"].clone()
 }

@@ -69,6 +69,15 @@ pub fn catalogues(bytes: &[u8]) -> Vec<String> {
     lists.flat_map(str::split_whitespace).map(str::to_owned).collect()
 }
 
+/// The coating file that a design names; none if it names none.
+pub fn coating_file(bytes: &[u8]) -> Option<String> {
+    let text = decode(bytes);
+    let line = text.lines().find_map(|line| line.trim_start().strip_prefix("COFN "))?;
+    let quoted = line.split_once('"').and_then(|(_, rest)| rest.split_once('"')).map(|(name, _)| name);
+    let name = quoted.or_else(|| line.split_whitespace().find(|w| *w != "QF"))?;
+    Some(name.to_owned())
+}
+
 /// Keywords that end the last surface where lines are not indented.
 fn is_section(key: &str) -> bool {
     matches!(key, "TOL" | "MNUM" | "MOFF" | "BLNK" | "CONF" | "EFFL" | "DMFS" | "EFFT" | "CSUM")

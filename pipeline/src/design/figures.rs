@@ -5,5 +5,6 @@ pub mod crossing;
 pub mod describe;
 pub mod field_figures;
 pub mod image_circle;
+pub mod light;
 mod refocus;
 pub mod spots;

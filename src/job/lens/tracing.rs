@@ -169,7 +169,8 @@ pub(super) fn trace(job: &TracingJob<'_>, wavelengths_nm: &[f64], threads: usize
     }
     let lens = lens.context("the chart has no band")?;
     let digest = blake3::hash(recipes.concat().as_bytes()).to_hex().to_string();
-    Ok(Traced { lens, packs, recipes, digest, notes, details, file: None, _cache: tracer.cache })
+    let ideal_light = design::note_on_ideal(system, wavelengths_nm);
+    Ok(Traced { lens, packs, recipes, digest, notes, details, ideal_light, file: None, _cache: tracer.cache })
 }
 
 /// Maximum L1 error of kernels between the nodes of a traced band; 0 if it was not determined.

@@ -104,6 +104,19 @@ pub enum CoatingAt {
     Angles(Vec<(f64, [f64; 4])>),
 }
 
+impl FilmIndex {
+    /// n + ik at `um`.
+    ///
+    /// # Errors
+    /// [`DesignError::Coating`] beyond its entries.
+    pub fn at(&self, um: f64) -> Result<Complex64, DesignError> {
+        let wavelengths: Vec<f64> = self.entries.iter().map(|e| e.0).collect();
+        let (i, share) = place(&self.name, &wavelengths, um)?;
+        let mix = |pick: fn(&(f64, f64, f64)) -> f64| mixed(&self.entries, i, share, pick);
+        Ok(Complex64::new(mix(|e| e.1), mix(|e| e.2)))
+    }
+}
+
 impl Coating {
     /// One film of index `index`, a quarter wave thick at `um`: 1.38 is that of magnesium fluoride.
     pub fn quarter_wave(name: &str, index: f64, um: f64) -> Self {
@@ -122,12 +135,7 @@ impl Coating {
         Ok(match self {
             Self::Bare => CoatingAt::Films(Vec::new()),
             Self::Films(films) => {
-                let film = |f: &Film| {
-                    let wavelengths: Vec<f64> = f.index.entries.iter().map(|e| e.0).collect();
-                    let (i, share) = place(&f.index.name, &wavelengths, um)?;
-                    let mix = |pick: fn(&(f64, f64, f64)) -> f64| mixed(&f.index.entries, i, share, pick);
-                    Ok((Complex64::new(mix(|e| e.1), mix(|e| e.2)), f.thickness_um / um))
-                };
+                let film = |f: &Film| Ok((f.index.at(um)?, f.thickness_um / um));
                 CoatingAt::Films(films.iter().map(film).collect::<Result<_, _>>()?)
             }
             Self::Reflectance(spectrum) => {

@@ -30,6 +30,7 @@ use rayon::prelude::*;
 
 use super::bundle::Bundle;
 use crate::design::prescription::error::DesignError;
+use crate::design::prescription::system::System;
 use crate::design::rays::aim::lagrange;
 use crate::design::rays::ray::{ImageRay, Tracer};
 
@@ -77,6 +78,18 @@ pub(super) fn light_of<'r>(
 /// As [`field_light`].
 pub fn irradiance_sr(tracer: &Tracer<'_>, tan: f64) -> Result<f64, DesignError> {
     Ok(field_light(tracer, tan)?.irradiance_sr)
+}
+
+/// Transmission of `system` on the axis at `um`: flux-weighted mean over the open pupil; 1 without coatings.
+///
+/// # Errors
+/// As [`Tracer::new`] and [`field_light`].
+pub fn axial_transmission(system: &System, um: f64) -> Result<f64, DesignError> {
+    let tracer = Tracer::new(system, um)?;
+    match tracer.has_losses() {
+        true => Ok(irradiance_sr(&tracer, 0.0)? / irradiance_sr(&tracer.without_losses(), 0.0)?),
+        false => Ok(1.0),
+    }
 }
 
 /// Projected solid angle of the pupil from the image of the field point at tan(field angle) `tan`, sr.
@@ -155,7 +168,6 @@ fn cubic(table: &[Option<f64>], i: usize) -> f64 {
 mod tests {
     use super::*;
     use crate::design::prescription::system::RayAiming;
-    use crate::design::prescription::system::System;
 
     #[test]
     fn interpolated_table_equals_values_computed_at_every_point() {
