@@ -175,19 +175,11 @@ fn colour(sensor: &Sensor, light: Illuminant) -> Result<DngColour> {
 /// mean dark charge: S·x has its shot noise.
 fn noise_profile(plan: &Plan, seconds: f64) -> (f64, f64) {
     let (s, e) = (&plan.sensor, &plan.exposure);
-    let on = |noise, sigma: f64| if e.noise.has(noise) { sigma } else { 0.0 };
-    let n = &s.noise;
-    let dark = on(NoiseSet::DARK, s.dark_current_e_per_s(e.temperature_c) * seconds);
-    let electrons = (dark * n.dark_nonuniformity).powi(2)
-        + on(NoiseSet::READ, n.read_noise_e).powi(2)
-        + on(NoiseSet::RESET, n.reset_noise_e).powi(2)
-        + on(NoiseSet::DSNU, n.dsnu_e).powi(2)
-        + on(NoiseSet::COLUMN, n.column_offset_e).powi(2)
-        + on(NoiseSet::ROW, n.row_noise_e).powi(2);
-    let dn_per_e = plan.gain * s.adc.gain_dn_per_e;
-    let width = s.white_dn(plan.gain) - s.adc.black_dn;
-    let offset = dn_per_e * dn_per_e * electrons + on(NoiseSet::ADC, n.adc_noise_dn).powi(2) + 1.0 / 12.0;
-    (on(NoiseSet::SHOT, dn_per_e / width), offset / (width * width))
+    let dark_e = e.noise.on(NoiseSet::DARK, s.dark_current_e_per_s(e.temperature_c) * seconds);
+    let dark = s.noise_variance(e.noise, plan.gain, dark_e, dark_e);
+    let share_per_e = plan.gain * s.adc.gain_dn_per_e / (s.white_dn(plan.gain) - s.adc.black_dn);
+    let offset_e2 = dark.frames_e2 + dark.rounding_e2 + dark.fixed_e2;
+    (e.noise.on(NoiseSet::SHOT, share_per_e), share_per_e * share_per_e * offset_e2)
 }
 
 /// Writes the file from the raw.
