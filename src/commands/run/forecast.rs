@@ -14,8 +14,8 @@ use crate::progress::{duration, plural, print as print_line};
 use anyhow::Result;
 use formats::chart::Codec;
 use formats::durable::{Store, free_bytes, is_url, link_target, parent_of};
-use pipeline::plan::ShardId;
-use pipeline::plan::tiles_needed;
+use pipeline::tiling::ShardId;
+use pipeline::tiling::tiles_needed;
 use std::collections::BTreeSet;
 use std::path::Path;
 
