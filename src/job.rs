@@ -52,7 +52,7 @@ use inputs::{Inputs, Opened};
 use pipeline::band::{BandPlan, Options};
 use pipeline::cuda::memory::DeviceQueue;
 use pipeline::geometry::Frame;
-use pipeline::plan::FilmRegion;
+use pipeline::tiling::FilmRegion;
 use serde_json::{Map, Value};
 use stretch::RemapStretch;
 

@@ -6,9 +6,8 @@ use crate::failure::usage;
 use crate::machine::machine_memory;
 use crate::progress::{counting, log_line};
 use anyhow::Result;
-use formats::chart::{AxisOrder, ChartError, ChartRequest, NanPolicy, hdf5, split_array};
+use formats::chart::{AxisOrder, ChartError, ChartRequest, NanPolicy, holds_arrays, split_array};
 pub use formats::chart::{Chart, check_has_files};
-use formats::durable::is_url;
 use formats::lens::{LensPack, builtin, builtin_names};
 use formats::raw::RawStore;
 use std::path::Path;
@@ -99,8 +98,7 @@ fn check_takes_var(spec: &str, var: &str) -> Result<()> {
     if !array.is_empty() {
         return Err(usage(format!("--var {var}: chart `{spec}` names its array already; give one of them")));
     }
-    let path = Path::new(path);
-    if is_url(path) || !path.is_file() || hdf5::is_hdf5(path) {
+    if holds_arrays(path) {
         return Ok(());
     }
     Err(usage(format!(

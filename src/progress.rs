@@ -12,7 +12,7 @@ use indicatif::{ProgressBar, ProgressDrawTarget, ProgressStyle};
 use pipeline::clock::Phase;
 use pipeline::executor::Progress;
 use pipeline::executor::Summary;
-use pipeline::plan::ShardId;
+use pipeline::tiling::ShardId;
 use std::fmt::Display;
 use std::path::Path;
 use std::sync::atomic::{AtomicBool, Ordering::Relaxed};

@@ -75,7 +75,7 @@ mod write;
 pub use crate::npy::parse_dtype;
 pub use crate::sample::{RasterSample, Sample};
 pub use crate::shard::Codec;
-pub use any::{Chart, ChartRequest, check_has_files};
+pub use any::{Chart, ChartRequest, check_has_files, holds_arrays, takes_axes};
 pub use axes::{AxisOrder, AxisOrderError};
 pub use decoded_chart::DecodedChart;
 pub use error::ChartError;

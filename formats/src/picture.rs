@@ -14,6 +14,7 @@
 mod area;
 mod axes;
 pub mod bands;
+pub mod contact_sheet;
 pub mod curve;
 pub mod exposure;
 pub mod figure;
@@ -24,7 +25,6 @@ mod legend;
 pub mod plot;
 pub mod preview;
 pub mod series;
-pub mod sheet;
 mod spectral;
 pub mod streamed;
 pub mod style;

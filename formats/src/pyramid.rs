@@ -23,7 +23,7 @@ pub(crate) mod ome;
 mod verify;
 
 use pipeline::geometry::{Rect, Size};
-use pipeline::plan::FilmRegion;
+use pipeline::tiling::FilmRegion;
 use serde_json::{Map, Value, json};
 
 use crate::chart::{ChartOptions, ChartStore};

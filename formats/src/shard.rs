@@ -24,7 +24,7 @@ pub(crate) use codec::{sharding_metadata, sharding_of};
 pub(crate) use encode::{ShardEncoder, ShardError};
 
 use pipeline::geometry::{Rect, Size};
-use pipeline::plan::FilmRegion;
+use pipeline::tiling::FilmRegion;
 
 /// The shards of an array with the pixels `rect`: squares of `shard` px; an array smaller than a shard has shards of its size, rounded up to
 /// inner chunks of `chunk` px.

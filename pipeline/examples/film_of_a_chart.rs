@@ -7,12 +7,12 @@ use lenscube_pipeline::field::Outside;
 use lenscube_pipeline::flow::{ChartSource, FilmSink, SourceSinkError};
 use lenscube_pipeline::geometry::{Frame, Rect, Size};
 use lenscube_pipeline::lens::LensError;
-use lenscube_pipeline::plan::{FilmRegion, ShardId};
 use lenscube_pipeline::remap::ChartInterpolation;
 use lenscube_pipeline::resample::{Interp, Surround};
 use lenscube_pipeline::simd::Simd;
 use lenscube_pipeline::stages::StageCompute;
 use lenscube_pipeline::stages::default_stages;
+use lenscube_pipeline::tiling::{FilmRegion, ShardId};
 use std::sync::{Mutex, atomic::AtomicBool};
 
 const SIDE: Size = Size::new(101, 101);

@@ -10,7 +10,6 @@ use crate::geometry::{Frame, Rect};
 use crate::lens::{Lens, LensBand, LensError, PsfStack, linear};
 use crate::options::PsfTables;
 pub use crate::options::{Options, PsfBetween};
-use crate::plan::Tiling;
 use crate::psf::BandPsf;
 use crate::psf::blocks::Blocks;
 use crate::psf::grid::NodeGrid;
@@ -18,6 +17,7 @@ use crate::psf::kernel::NodeKernels;
 use crate::psf::kernel::on_demand::PsfReader;
 use crate::remap::Remap;
 use crate::stage::Stage;
+use crate::tiling::Tiling;
 
 /// Wavelengths closer than this are the same, nm.
 const SAME_NM: f64 = 1e-6;

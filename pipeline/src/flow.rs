@@ -2,7 +2,7 @@
 
 use crate::buffer::ShardPixels;
 use crate::geometry::{Rect, Size};
-use crate::plan::ShardId;
+use crate::tiling::ShardId;
 
 /// Error of a source or sink.
 pub type SourceSinkError = Box<dyn std::error::Error + Send + Sync>;
@@ -55,7 +55,7 @@ pub trait ChartSource: Sync {
 /// use lenscube_pipeline::buffer::ShardPixels;
 /// use lenscube_pipeline::flow::{FilmSink, SourceSinkError};
 /// use lenscube_pipeline::geometry::{Rect, Size};
-/// use lenscube_pipeline::plan::ShardId;
+/// use lenscube_pipeline::tiling::ShardId;
 /// use std::sync::Mutex;
 ///
 /// /// The largest value of each shard.

@@ -63,8 +63,8 @@
 //! - **tile**: unit of computing (about 512 px). **block**: unit of a Fourier transform. **shard**: a stored file of the film. **chunk**: a compressed part
 //!   of a store. **strip**: consecutive rows that are in memory together. **walk**: the order in which workers compute the tiles of a band.
 //! - **film region**: a rectangle of the film (`--roi`). **job**: all that determines the pixels of a film. **unit**: a part of a planned job that
-//!   one process computes. **run**: one execution of a command on a film. **plan** of a band ([`band::BandPlan`]): its tables, tiles and blocks before a pixel
-//!   is computed; of a job (`lenscube plan`): its division into units. **forecast**: bytes and seconds of a run, told before it. **position**: the place of a
+//!   one process computes. **run**: one execution of a command on a film. **plan** (`lenscube plan`): the division of a job into units. **band plan**
+//!   ([`band::BandPlan`]): tables, tiles and blocks of a band before a pixel is computed. **forecast**: bytes and seconds of a run, told before it. **position**: the place of a
 //!   band in a job, from 0.
 //! - **batch**, **queue**, **worker**: tiles sent to a GPU together; the order of work of one device; a thread. **portion**: rows of shards of a band that one
 //!   GPU computes. **claim**, **requeue**, **commit**: take a tile or a portion to compute it; return it after a failure; make a shard visible.
@@ -92,7 +92,6 @@ pub mod lens;
 pub mod lru;
 pub mod measure;
 pub mod options;
-pub mod plan;
 pub mod psf;
 pub mod real;
 pub mod reflectance;
@@ -102,5 +101,6 @@ pub mod sensor;
 pub mod simd;
 pub mod stage;
 pub mod stages;
+pub mod tiling;
 pub mod wavelengths;
 mod words;

@@ -15,11 +15,11 @@ use crate::cuda::{CudaError, Device};
 use crate::depth::{DepthScratch, SceneInputs};
 use crate::flow::{ChartSource, SourceSinkError};
 use crate::geometry::{Frame, Rect, Size};
-use crate::plan::Tiling;
 use crate::psf::PsfScratch;
 use crate::psf::spectra::SpectrumCache;
 use crate::remap::RemapScratch;
 use crate::stages::cuda::band::GpuBand;
+use crate::tiling::Tiling;
 use std::sync::Arc;
 
 /// Constructs the stages of the band at a position of the job.

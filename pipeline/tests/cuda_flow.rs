@@ -11,11 +11,11 @@ use lenscube_pipeline::cuda::Device;
 use lenscube_pipeline::cuda::memory::{BandNeeds, DeviceQueue, MAX_TILES};
 use lenscube_pipeline::executor::Summary;
 use lenscube_pipeline::geometry::Size;
-use lenscube_pipeline::plan::Tiling;
 use lenscube_pipeline::psf::cuda::{PsfOnDevice, gpu_blocks};
 use lenscube_pipeline::remap::Remap;
 use lenscube_pipeline::simd::Simd;
 use lenscube_pipeline::stages::cuda::band_needs;
+use lenscube_pipeline::tiling::Tiling;
 use oracle::Noise;
 use std::process::ExitCode;
 

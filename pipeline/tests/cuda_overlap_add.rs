@@ -5,10 +5,10 @@ mod emulated_cuda;
 use emulated_cuda::{Build, Case, PLAIN, SANITIZED_BUILD, Target};
 use lenscube_pipeline::cuda::Device;
 use lenscube_pipeline::geometry::{Rect, Size};
-use lenscube_pipeline::plan::Tiling;
 use lenscube_pipeline::psf::blocks::Blocks;
 use lenscube_pipeline::stages::cuda::batches::batches;
 use lenscube_pipeline::stages::cuda::film_rows::{FilmRows, strips};
+use lenscube_pipeline::tiling::Tiling;
 use std::ops::Range;
 use std::process::ExitCode;
 

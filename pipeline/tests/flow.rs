@@ -7,9 +7,9 @@ mod oracle;
 use flow_case::{LostShards, Sink, Unreadable, case};
 use lenscube_pipeline::geometry::{Frame, Rect, Size};
 use lenscube_pipeline::lens::{PsfSample, PsfStack};
-use lenscube_pipeline::plan::FilmRegion;
 use lenscube_pipeline::simd::Simd;
 use lenscube_pipeline::stage::{Stage, Stages};
+use lenscube_pipeline::tiling::FilmRegion;
 use oracle::{Image, Noise, errors};
 use std::process::ExitCode;
 

@@ -18,11 +18,11 @@ use crate::progress::{log_line, print};
 use anyhow::Result;
 use directory::DemoDirectory;
 use formats::chart::{Codec, NanPolicy};
+use formats::picture::contact_sheet::{Crop, contact_sheet};
 use formats::picture::curve::lens_curves;
 use formats::picture::exposure::Exposure;
 use formats::picture::image::Image;
 use formats::picture::preview::{PreviewOptions, preview};
-use formats::picture::sheet::{Crop, contact_sheet};
 use formats::picture::{View, nearest_band};
 use pipeline::chart::Generator;
 use pipeline::colour::srgb_encode;
@@ -89,8 +89,8 @@ pub fn command(args: &DemoArgs) -> Result<u8> {
     let size = args.size as usize;
     let exposure = demo.create("chart.png", |path| chart_picture(dir, path, size, threads))?;
     demo.create("film.png", |path| film_picture(dir, path, exposure, threads))?;
-    demo.create("regions.png", |_| sheet(dir, &full, &regions, threads))?;
-    demo.create("camera.png", |path| camera_sheet(dir, path, (&full, &regions), threads))?;
+    demo.create("regions.png", |_| region_pictures(dir, &full, &regions, threads))?;
+    demo.create("camera.png", |path| camera_picture(dir, path, (&full, &regions), threads))?;
     demo.create("lens.png", |path| {
         let lens = LensData::open(LENS, &DesignArgs::default())?.sample(&CURVES_NM, &[0.0, CURVES_MM])?.lens;
         Ok(lens_curves(&lens, args.style)?.write(path)?)
@@ -151,7 +151,7 @@ fn film_picture(dir: &Path, out: &Path, exposure: f64, threads: usize) -> Result
 }
 
 /// Writes regions.png: chart and film side by side at 100 %.
-fn sheet(dir: &Path, full: &str, regions: &[Rect], threads: usize) -> Result<()> {
+fn region_pictures(dir: &Path, full: &str, regions: &[Rect], threads: usize) -> Result<()> {
     let chart = open::chart(full, None, NanPolicy::Keep, 0)?;
     let edge = ((chart.size().height - FULL_PX) / 2) as i64;
     let mut pairs = Vec::new();
@@ -173,12 +173,12 @@ fn sheet(dir: &Path, full: &str, regions: &[Rect], threads: usize) -> Result<()>
         Ok(Crop { image: grey(&corner, nm)?, caption: format!("film, {name}, {nm:.0} nm only") })
     };
     pairs.push([one_band(550.0)?, one_band(400.0)?]);
-    let sheet = contact_sheet("Double Gauss 28°, 2 µm film: chart and film", &pairs, 1)?;
-    Ok(sheet.write_png(&dir.join("regions.png"), "lenscube demo: chart and film at 100 %")?)
+    let picture = contact_sheet("Double Gauss 28°, 2 µm film: chart and film", &pairs, 1)?;
+    Ok(picture.write_png(&dir.join("regions.png"), "lenscube demo: chart and film at 100 %")?)
 }
 
 /// Writes camera.png: the corner of the film as the observer sees it, beside the camera's picture.
-fn camera_sheet(dir: &Path, out: &Path, (full, regions): (&str, &[Rect]), threads: usize) -> Result<()> {
+fn camera_picture(dir: &Path, out: &Path, (full, regions): (&str, &[Rect]), threads: usize) -> Result<()> {
     let chart = open::chart(full, None, NanPolicy::Keep, 0)?;
     let edge = ((chart.size().height - FULL_PX) / 2) as i64;
     let last = regions.len() - 1;
@@ -192,8 +192,8 @@ fn camera_sheet(dir: &Path, out: &Path, (full, regions): (&str, &[Rect]), thread
         Crop { image: seen, caption: "film, as the observer sees it, at 100 %".into() },
         Crop { image: recorded, caption: format!("as the camera {} records it, at 100 %", camera::SENSOR) },
     ];
-    let sheet = contact_sheet("Corner of the film behind a Double Gauss 28°, 2 µm", &[pair], 1)?;
-    Ok(sheet.write_png(out, "lenscube demo: film and camera at 100 %")?)
+    let picture = contact_sheet("Corner of the film behind a Double Gauss 28°, 2 µm", &[pair], 1)?;
+    Ok(picture.write_png(out, "lenscube demo: film and camera at 100 %")?)
 }
 
 /// One band in grey; the brightest pixel is white.

@@ -2,6 +2,7 @@
 
 mod attributes;
 mod exposure;
+mod exposure_times;
 mod figures;
 mod film;
 mod geometry;
@@ -13,7 +14,6 @@ mod picture;
 mod raw;
 mod record;
 mod resolve;
-mod settle;
 mod show;
 mod signal;
 mod validate;
@@ -26,7 +26,7 @@ use crate::failure::usage;
 use anyhow::Result;
 pub use picture::temporary_raw;
 pub use raw::remove;
-use resolve::Plan;
+use resolve::RawJob;
 use std::path::Path;
 
 /// Names of the files of `sensor show --plot`.
@@ -71,6 +71,6 @@ pub fn expose(args: &ExposeArgs) -> Result<u8> {
     };
     match picture::format_of(out)? {
         Some(format) => picture::command(args, film, (out, format)),
-        None => raw::expose(args, &Plan::new(args, film)?, out),
+        None => raw::expose(args, &RawJob::new(args, film)?, out),
     }
 }

@@ -9,7 +9,7 @@ use anyhow::Result;
 use formats::film::FilmSpec;
 use formats::lens::LensPackError;
 use pipeline::band::BandPlan;
-use pipeline::plan::FilmRegion;
+use pipeline::tiling::FilmRegion;
 
 /// The planned bands of a job, and its film.
 pub struct JobPlan {

@@ -11,8 +11,8 @@ use formats::film::{FilmSpec, SampleType};
 use formats::group::Output;
 use pipeline::band::BandPlan;
 use pipeline::geometry::{Frame, Size};
-use pipeline::plan::FilmRegion;
 use pipeline::sensor::HC_J_M;
+use pipeline::tiling::FilmRegion;
 
 /// Film value per chart value on the axis: 1; irradiance, τ·Ω (E = L·τ·Ω·R); or photons, τ·Ω·λ/(hc)·pixel area.
 pub fn gain(units: FilmUnits, plan: &BandPlan, frame: &Frame) -> f64 {

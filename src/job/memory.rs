@@ -19,9 +19,9 @@ use pipeline::band::{BandPlan, Options};
 use pipeline::cuda::memory::BandNeeds;
 use pipeline::executor::memory::{self as queues, Walk};
 use pipeline::geometry::{Frame, Size};
-use pipeline::plan::FilmRegion;
 use pipeline::remap::{Remap, memory as remap};
 use pipeline::stages::{self, described};
+use pipeline::tiling::FilmRegion;
 use spectra::{largest_psf, largest_spectrum, psfs_on_demand};
 
 /// The program itself, its threads' stacks, metadata of the stores.

@@ -23,11 +23,11 @@ use pipeline::executor::memory::Walk;
 use pipeline::field::Outside;
 use pipeline::geometry::Frame;
 use pipeline::lens::Lens;
-use pipeline::plan::Tiling;
 use pipeline::remap::ChartInterpolation;
 use pipeline::resample::{Interp, Surround};
 use pipeline::simd::Simd;
 use pipeline::stages::default_stages;
+use pipeline::tiling::Tiling;
 use std::path::Path;
 
 /// Distances, lens and film, before the distances are read.

@@ -15,10 +15,10 @@ use pipeline::band::{BandPlan, Options};
 use pipeline::cuda::memory::{BandNeeds, DeviceQueue, MAX_TILES};
 use pipeline::executor::memory::Walk;
 use pipeline::geometry::{Frame, Size};
-use pipeline::plan::{FilmRegion, Tiling, film_columns};
 use pipeline::psf::cuda::{PsfOnDevice, gpu_blocks};
 use pipeline::remap::Remap;
 use pipeline::stages;
+use pipeline::tiling::{FilmRegion, Tiling, film_columns};
 
 /// One part in so many of the chart under a tile, for the tiles that are not examined.
 const CHART_MARGIN: usize = 32;

@@ -15,6 +15,7 @@ use super::axes::AxisOrder;
 use super::decoded_chart::DecodedChart;
 use super::error::ChartError;
 use super::exr::{self, ExrContent, ExrFile};
+use super::foreign;
 use super::hdf5::{self, Hdf5Chart};
 use super::open::split_array;
 use super::options::{ChartOptions, NanPolicy};
@@ -56,39 +57,71 @@ pub struct ChartRequest<'a> {
 
 /// A format of charts in files.
 struct Format {
+    /// What messages call it.
+    name: &'static str,
     /// Whether a chart is one file; a flat one may have a header or attributes beside it, pictures are several.
     is_one_file: bool,
     /// Why `--axes` does not apply to it, if it does not.
     declares_axes: Option<&'static str>,
+    /// Whether a file may hold several arrays, of which `PATH//array` and `--var` name one.
+    holds_arrays: bool,
     /// Whether the name is one of a chart of this format.
     detects: fn(&str) -> bool,
     /// Opens it.
     open: fn(&str, &ChartRequest<'_>) -> Result<Chart, ChartError>,
 }
 
+/// The format of the chart that `spec` names; `None` for a Zarr store.
+fn format_of(spec: &str) -> Option<&'static Format> {
+    FORMATS.iter().find(|format| (format.detects)(spec))
+}
+
 /// Whether `path` is a chart of a format in which a chart is one file.
 pub(super) fn is_one_file(path: &Path) -> bool {
-    let of_path = |format: &&Format| path.to_str().is_some_and(|spec| (format.detects)(spec));
-    FORMATS.iter().find(of_path).is_some_and(|format| format.is_one_file)
+    path.to_str().and_then(format_of).is_some_and(|format| format.is_one_file)
+}
+
+/// Whether `--axes` applies to the chart that `spec` names: formats that declare their order have none, nor have drawn charts.
+pub fn takes_axes(spec: &str) -> bool {
+    !spec.starts_with("gen:") && format_of(spec).is_none_or(|format| format.declares_axes.is_none())
+}
+
+/// Whether the chart that `spec` names is of a format with several arrays in a store or file.
+pub fn holds_arrays(spec: &str) -> bool {
+    match format_of(spec) {
+        Some(format) => format.holds_arrays,
+        None => !is_other_file(Path::new(spec)),
+    }
+}
+
+/// Whether `path` is local, exists, and is no directory: of no format of [`FORMATS`], it cannot be a Zarr store.
+fn is_other_file(path: &Path) -> bool {
+    !is_url(path) && path.exists() && !path.is_dir()
 }
 
 /// The formats of files, in the order in which a name is compared with them; what none recognises is a Zarr store.
-static FORMATS: [Format; 5] = [
+static FORMATS: &[Format] = &[
     Format {
+        name: "spectral OpenEXR",
         is_one_file: true,
         declares_axes: Some("OpenEXR declares its order"),
+        holds_arrays: false,
         detects: |spec| exr::is_supported_path(Path::new(spec)),
         open: |spec, request| decoded(spectral(exr::open(Path::new(spec), request.nan)?)?, request),
     },
     Format {
+        name: "multi-band TIFF",
         is_one_file: true,
         declares_axes: Some("TIFF declares its order"),
+        holds_arrays: false,
         detects: |spec| pictures::is_tiff(Path::new(spec)),
         open: |spec, request| decoded(pictures::open_tiff(Path::new(spec), request.nan)?, request),
     },
     Format {
+        name: "HDF5 (.h5, .mat v7.3, NetCDF-4)",
         is_one_file: true,
         declares_axes: None,
+        holds_arrays: true,
         detects: |spec| hdf5::is_hdf5(Path::new(split_array(spec).0)),
         open: |spec, request| {
             let (file, array) = split_array(spec);
@@ -100,8 +133,10 @@ static FORMATS: [Format; 5] = [
         },
     },
     Format {
+        name: ".npy, ENVI (.hdr)",
         is_one_file: false,
         declares_axes: None,
+        holds_arrays: false,
         detects: |spec| RasterChart::is_supported_path(Path::new(spec)),
         open: |spec, request| {
             check_local(spec)?;
@@ -109,8 +144,10 @@ static FORMATS: [Format; 5] = [
         },
     },
     Format {
+        name: "a folder or pattern of grey PNG or TIFF pictures",
         is_one_file: false,
         declares_axes: Some("each picture is a band"),
+        holds_arrays: false,
         detects: pictures::is_set_of_pictures,
         open: |spec, request| decoded(pictures::open_set(spec, request.nan)?, request),
     },
@@ -128,7 +165,12 @@ impl Chart {
         if let Some(drawn) = spec.strip_prefix("gen:") {
             return generated(drawn, request);
         }
-        let Some(format) = FORMATS.iter().find(|format| (format.detects)(spec)) else {
+        let Some(format) = format_of(spec) else {
+            let path = Path::new(split_array(spec).0);
+            if is_other_file(path) {
+                let names = FORMATS.iter().map(|format| format.name).collect::<Vec<_>>().join(", ");
+                return Err(foreign::unsupported(path, &names));
+            }
             let options = ChartOptions {
                 cache_bytes: request.cache_bytes,
                 nan: request.nan,

@@ -30,7 +30,7 @@ pub enum ChartError {
         /// Its format.
         found: String,
         /// Formats that are read.
-        supported: &'static str,
+        supported: String,
         /// How to convert it, after a semicolon; empty if unknown.
         convert: String,
     },

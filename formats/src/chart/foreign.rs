@@ -7,9 +7,6 @@ use super::error::ChartError;
 use super::header::open_regular;
 use crate::durable::DurableError;
 
-/// Formats that are read, for messages.
-const SUPPORTED: &str = "Zarr v2 and v3, HDF5 (.h5, .mat v7.3, NetCDF-4), .npy, ENVI (.hdr), multi-band TIFF, spectral OpenEXR, a folder or pattern of grey PNG or TIFF \
-     pictures, raw samples (--chart-shape, --chart-dtype)";
 /// First bytes that are looked at.
 const FIRST_BYTES: u64 = 128;
 
@@ -71,8 +68,8 @@ fn format_of(extension: &str, first: &[u8]) -> Option<&'static Format> {
     all.into_iter().find(|f| f.extensions.contains(&extension))
 }
 
-/// The error for a file that no reader supports.
-pub(super) fn unsupported(path: &Path) -> ChartError {
+/// The error for a file that no reader supports; `formats`: those in files that are read.
+pub(super) fn unsupported(path: &Path, formats: &str) -> ChartError {
     let file = match open_regular(path) {
         Ok(file) => file,
         Err(e) => return e,
@@ -95,7 +92,8 @@ pub(super) fn unsupported(path: &Path) -> ChartError {
         let conversion = f.conversion.replace("{in}", &path.display().to_string()).replace("{stem}", &stem);
         format!("; convert it {conversion}")
     });
-    ChartError::Unsupported { path: path.into(), found, supported: SUPPORTED, convert }
+    let supported = format!("Zarr v2 and v3, {formats}, raw samples (--chart-shape, --chart-dtype)");
+    ChartError::Unsupported { path: path.into(), found, supported, convert }
 }
 
 #[cfg(test)]
@@ -112,7 +110,7 @@ mod tests {
         // Root may read every file.
         let expected =
             if std::fs::File::open(&path).is_ok() { "no HDF5 signature" } else { "ermission denied" };
-        let error = unsupported(&path).to_string();
+        let error = unsupported(&path, "ENVI").to_string();
         assert!(error.contains(expected) && error.contains("a.h5"), "{error}");
     }
 
@@ -138,7 +136,7 @@ mod tests {
         for (name, bytes, words) in cases {
             let path = dir.path().join(name);
             std::fs::write(&path, bytes).unwrap();
-            let error = unsupported(&path).to_string();
+            let error = unsupported(&path, "ENVI").to_string();
             assert!(words.iter().all(|w| error.contains(w)) && error.contains(name), "{words:?} in {error}");
             assert!(!error.contains("directory"), "{error}");
         }

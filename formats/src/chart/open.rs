@@ -11,7 +11,6 @@ use super::cache::Cache;
 use super::coordinates::{self, dimension_names};
 use super::error::ChartError;
 use super::file_change::ChunkFileStates;
-use super::foreign;
 use super::layout::Layout;
 use super::node::{Node, open_array};
 use super::options::ChartOptions;
@@ -119,7 +118,7 @@ fn find(path: &Path, requested: &str) -> Result<Found, ChartError> {
             return Err(ChartError::NotFound { path: path.into() });
         }
         Err(e) => return Err(not_zarr(&e.to_string())),
-        Ok(m) if !m.is_dir() => return Err(foreign::unsupported(path)),
+        Ok(m) if !m.is_dir() => return Err(not_zarr("a file")),
         Ok(_) => {}
     }
     let root = Node::read(&store, "")?;

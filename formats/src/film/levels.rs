@@ -5,7 +5,7 @@
 //! ```
 
 use pipeline::geometry::{Rect, Size};
-use pipeline::plan::FilmRegion;
+use pipeline::tiling::FilmRegion;
 use serde_json::Value;
 
 use super::store::FilmStore;

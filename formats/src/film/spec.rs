@@ -4,7 +4,7 @@ use std::path::Path;
 
 use pipeline::bounds::{self, OutOfBounds};
 use pipeline::geometry::{Rect, Size};
-use pipeline::plan::FilmRegion;
+use pipeline::tiling::FilmRegion;
 use serde_json::{Map, Value, json};
 
 use crate::group::{Derived, GroupError, GroupKind, Output};

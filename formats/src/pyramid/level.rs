@@ -1,7 +1,7 @@
 //! The levels of a pyramid.
 
 use pipeline::geometry::Size;
-use pipeline::plan::FilmRegion;
+use pipeline::tiling::FilmRegion;
 
 /// Maximum side of the last level, px.
 const MAX_LAST_SIDE: usize = 256;

@@ -4,7 +4,7 @@
 //! digital numbers, frame by frame: a viewer shows it as it shows the raw, and it is developed as the raw is. The signal has no levels.
 
 use pipeline::geometry::{Rect, Size};
-use pipeline::plan::FilmRegion;
+use pipeline::tiling::FilmRegion;
 use serde_json::Value;
 
 use super::{Period, RawStore, codec_error, halve_mosaic, mosaic_below, ome};

@@ -2,7 +2,7 @@
 
 use pipeline::bounds;
 use pipeline::geometry::{Rect, Size};
-use pipeline::plan::FilmRegion;
+use pipeline::tiling::FilmRegion;
 use serde_json::{Map, Value, json};
 
 use super::{RawShard, SIGNAL};

@@ -29,7 +29,7 @@ pub(super) fn fields(path: &Path, t: &SensorText) -> Result<(), SensorError> {
         true => Ok(()),
         false => Err(wrong(path, field, format!("above 0, at most {max}"), value)),
     };
-    let (p, n, a, s) = (&t.pixel, &t.noise, &t.adc, &t.spectral);
+    let (p, a, s) = (&t.pixel, &t.adc, &t.spectral);
     if t.name.is_empty() {
         return Err(wrong(path, "name", "a name", "nothing"));
     }
@@ -55,19 +55,9 @@ pub(super) fn fields(path: &Path, t: &SensorText) -> Result<(), SensorError> {
     within("pixel.dark_current_e_per_s", p.dark_current_e_per_s, (0.0, 1e9))?;
     within("pixel.dark_reference_c", p.dark_reference_c, (-273.0, 200.0))?;
     within("pixel.dark_doubling_k", p.dark_doubling_k, (1.0, 100.0))?;
-    for (field, value) in [
-        ("read_noise_e", n.read_noise_e),
-        ("reset_noise_e", n.reset_noise_e),
-        ("adc_noise_dn", n.adc_noise_dn),
-        ("dsnu_e", n.dsnu_e),
-        ("column_offset_e", n.column_offset_e),
-        ("row_noise_e", n.row_noise_e),
-    ] {
-        within(&format!("noise.{field}"), value, (0.0, 1e6))?;
+    for (row, value) in t.noise.rows() {
+        within(&format!("noise.{}", row.field), value, (0.0, row.max))?;
     }
-    within("noise.prnu", n.prnu, (0.0, 0.2))?;
-    within("noise.column_gain", n.column_gain, (0.0, 0.2))?;
-    within("noise.dark_nonuniformity", n.dark_nonuniformity, (0.0, 10.0))?;
     within("adc.bits", f64::from(a.bits), (1.0, 16.0))?;
     above("adc.gain_dn_per_e", a.gain_dn_per_e, 1e6)?;
     within("adc.black_dn", a.black_dn, (0.0, f64::from((1u32 << a.bits) - 2)))?;

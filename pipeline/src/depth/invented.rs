@@ -8,7 +8,7 @@
 
 use crate::buffer::ShardPixels;
 use crate::geometry::{Rect, Size};
-use crate::plan::{FilmRegion, ShardId};
+use crate::tiling::{FilmRegion, ShardId};
 use std::collections::BTreeMap;
 use std::sync::Mutex;
 

@@ -1,8 +1,8 @@
 //! Memory of the depth stage, bytes.
 
 use super::plan::DepthPlan;
-use crate::plan::Tiling;
 use crate::psf::memory;
+use crate::tiling::Tiling;
 
 /// Planes of a tile beside those of its slabs: what is uncovered, shares behind, opened; the source and result of a convolution.
 const OTHER_PLANES: usize = 6;

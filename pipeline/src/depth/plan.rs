@@ -10,12 +10,12 @@ use crate::geometry::{Frame, Rect, Size};
 use crate::lens::depth::BandDepth;
 use crate::lens::{Lens, LensBand, LensError, PsfSample};
 use crate::options::{Options, PsfTables};
-use crate::plan::Tiling;
 use crate::psf::blocks::Blocks;
 use crate::psf::grid::NodeGrid;
 use crate::psf::kernel::on_demand::{KernelsOnDemand, PsfReader, PsfSource};
 use crate::psf::{BandPsf, Builders};
 use crate::stage::Stage;
+use crate::tiling::Tiling;
 use std::sync::Arc;
 
 /// Vergences of the surfaces of a scene, 1/m.

@@ -2,7 +2,7 @@
 
 use crate::flow::SourceSinkError;
 use crate::geometry::Rect;
-use crate::plan::ShardId;
+use crate::tiling::ShardId;
 use thiserror::Error;
 
 /// Why a run stopped.

@@ -3,7 +3,7 @@
 use super::MAX_TILES_AHEAD_PER_WORKER;
 pub use super::walk::Walk;
 use crate::cuda::memory::STRIP_ROWS;
-use crate::plan::FilmRegion;
+use crate::tiling::FilmRegion;
 
 /// Contributions of `contribution_bytes` computed by `threads` workers and not yet added.
 pub const fn contributions_bytes(walk: &Walk, contribution_bytes: usize, threads: usize) -> usize {

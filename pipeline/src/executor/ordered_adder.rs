@@ -5,7 +5,7 @@ use super::work::BandWork;
 use crate::buffer::{ShardPixels, TileBuffer};
 use crate::clock::{Clock, Phase};
 use crate::geometry::Size;
-use crate::plan::{FilmRegion, ShardId, shards_reached};
+use crate::tiling::{FilmRegion, ShardId, shards_reached};
 use std::sync::Mutex;
 use std::sync::atomic::{AtomicU64, Ordering};
 

@@ -11,7 +11,7 @@
 use super::ordered_adder::ComputedTile;
 use crate::buffer::ShardPixels;
 use crate::geometry::Rect;
-use crate::plan::{FilmRegion, ShardId, Tiling};
+use crate::tiling::{FilmRegion, ShardId, Tiling};
 use std::collections::{BTreeMap, BTreeSet};
 use std::sync::{Arc, Mutex, MutexGuard};
 

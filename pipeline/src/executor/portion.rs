@@ -5,7 +5,7 @@ use super::tile_source::Batch;
 use super::work::BandWork;
 use crate::buffer::ShardPixels;
 use crate::geometry::Rect;
-use crate::plan::{FilmRegion, ShardId, shards_reached, tiles_needed};
+use crate::tiling::{FilmRegion, ShardId, shards_reached, tiles_needed};
 use std::collections::{BTreeMap, BTreeSet};
 use std::ops::Range;
 use std::sync::Mutex;

@@ -2,7 +2,7 @@
 
 use super::RunError;
 use crate::cuda::CudaError;
-use crate::plan::ShardId;
+use crate::tiling::ShardId;
 
 /// Receives the events of a run; called from many threads.
 pub trait Progress: Sync {

@@ -9,7 +9,7 @@ use super::signal::Signal;
 use crate::buffer::ShardPixels;
 use crate::clock::{Clock, Phase};
 use crate::flow::FilmSink;
-use crate::plan::ShardId;
+use crate::tiling::ShardId;
 use crossbeam::channel::{Receiver, Sender, bounded, unbounded};
 use std::collections::VecDeque;
 use std::sync::Mutex;

@@ -8,7 +8,7 @@
 
 use crate::buffer::ShardPixels;
 use crate::geometry::Rect;
-use crate::plan::{FilmRegion, ShardId, Tiling, shards_reached, tiles_by_shard};
+use crate::tiling::{FilmRegion, ShardId, Tiling, shards_reached, tiles_by_shard};
 use std::collections::{BTreeMap, BTreeSet};
 
 /// Tiles of one band in the order of computation; see the module.
@@ -142,8 +142,8 @@ mod tests {
     use super::*;
     use crate::buffer::STRIP_ROWS;
     use crate::geometry::Size;
-    use crate::plan::tiles_needed;
     use crate::psf::blocks::Blocks;
+    use crate::tiling::tiles_needed;
 
     fn tiling(film: Size, window: usize, tile: usize) -> Tiling {
         Tiling::new(film, Some(&Blocks { window, fft: 64, block: tile, tile }))

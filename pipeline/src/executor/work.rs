@@ -4,7 +4,7 @@ use crate::clock::PhaseTimes;
 use crate::cuda::GpuFigures;
 use crate::cuda::memory::DeviceQueue;
 use crate::geometry::Size;
-use crate::plan::{FilmRegion, ShardId, Tiling};
+use crate::tiling::{FilmRegion, ShardId, Tiling};
 use std::collections::BTreeSet;
 use std::sync::Mutex;
 use std::sync::atomic::AtomicBool;

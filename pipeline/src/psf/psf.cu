@@ -1,4 +1,4 @@
-// PSF stage on a GPU: the sums of psf/mod.rs, launched by psf/cuda. The CPU implementations are psf/portable.rs and psf/simd.
+// PSF stage on a GPU: the sums of psf.rs, launched by psf/cuda. The CPU implementations are psf/portable.rs and psf/simd.
 //
 //     film = sum over nodes of (w_node . remapped) * P_node,    w_node = the node's weight (psf/grid.rs)
 //

@@ -2,7 +2,7 @@
 
 use super::{PART_COLS, PART_ROWS, Remap};
 use crate::geometry::Size;
-use crate::plan::Tiling;
+use crate::tiling::Tiling;
 
 /// Coordinates, fractions and gain of a film pixel; where the chart is averaged, its coordinates in f64.
 const BYTES_PER_PIXEL: usize = 44;

@@ -8,9 +8,9 @@ use super::Remap;
 use super::map::Map;
 use crate::field::{Field, Stretch};
 use crate::geometry::Rect;
-use crate::plan::Tiling;
 use crate::real;
 use crate::resample::box_span;
+use crate::tiling::Tiling;
 
 /// Side of a square, film px.
 const SQUARE_PX: usize = 32;

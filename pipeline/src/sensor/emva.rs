@@ -6,6 +6,7 @@
 //! 1/12 DN², which holds from about 0.5 DN of noise on; below, the standard ends (minimum variance 0.24 DN²) and K is judged more widely.
 //! The frames have no row noise, which is not a property of a pixel.
 
+use super::figures::Quantity;
 use super::noise::Exposer;
 use super::{Exposure, NoiseSet, Sensor};
 use crate::geometry::Size;
@@ -13,6 +14,8 @@ use rayon::prelude::*;
 
 /// Sides of the frames.
 pub const FRAME: Size = Size::new(512, 512);
+/// Noises of the frames.
+const NOISES: NoiseSet = NoiseSet::ALL.without(NoiseSet::ROW);
 /// Exposures of the photon transfer curve.
 pub const EXPOSURES: usize = 50;
 /// Frames of each spatial measurement.
@@ -138,7 +141,7 @@ impl Bench<'_> {
             seed: self.seed,
             die: self.die,
             frame,
-            noise: NoiseSet::ALL.without(NoiseSet::ROW),
+            noise: NOISES,
             temperature_c: None,
         };
         let signal = vec![(photons * self.quantum_efficiency / self.seconds) as f32; FRAME.pixels()];
@@ -214,17 +217,21 @@ impl Bench<'_> {
 
     /// The quantities by the description.
     pub fn stated(&self) -> Stated {
-        let (s, n) = (self.sensor, &self.sensor.noise);
+        let s = self.sensor;
         let dark = s.dark_current_e_per_s(None) * self.seconds;
-        let adc = n.adc_noise_dn / s.adc.gain_dn_per_e;
-        let root = |terms: &[f64]| terms.iter().map(|v| v * v).sum::<f64>().sqrt();
+        let in_dark = s.noise_variance(NOISES, 1.0, dark, dark);
+        // Of a charge of light of 1 e-, of which only shares differ between pixels.
+        let shares = s
+            .noise
+            .rows()
+            .filter(|(row, _)| matches!(row.quantity, Quantity::LightShare | Quantity::ChargeShare));
         Stated {
             dn_per_e: s.adc.gain_dn_per_e,
             quantum_efficiency: self.quantum_efficiency,
-            dark_noise_e: root(&[n.read_noise_e, n.reset_noise_e, adc, dark.sqrt()]),
+            dark_noise_e: (in_dark.shot_e2 + in_dark.frames_e2).sqrt(),
             saturation_e: s.saturation_e(1.0),
-            dsnu_e: root(&[n.dsnu_e, n.column_offset_e, dark * n.dark_nonuniformity]),
-            prnu: root(&[n.prnu, n.column_gain]),
+            dsnu_e: in_dark.fixed_e2.sqrt(),
+            prnu: shares.map(|(_, value)| value * value).sum::<f64>().sqrt(),
         }
     }
 }

@@ -1,75 +1,6 @@
 //! What one frame is taken with, and the time that a percentile of its pixels fits.
 
-use super::Sensor;
-use std::str::FromStr;
-
-/// Noises that are switched on; a quantity of one that is off is at its mean.
-#[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub struct NoiseSet(u16);
-
-/// Names of the noises, in the order of their bits.
-pub const NOISES: [&str; 9] = ["shot", "dark", "read", "reset", "adc", "dsnu", "prnu", "column", "row"];
-
-#[allow(missing_docs, reason = "the names of the noises")]
-impl NoiseSet {
-    pub const ALL: Self = Self(0x1ff);
-    pub const NONE: Self = Self(0);
-    pub const SHOT: Self = Self(1);
-    pub const DARK: Self = Self(1 << 1);
-    pub const READ: Self = Self(1 << 2);
-    pub const RESET: Self = Self(1 << 3);
-    pub const ADC: Self = Self(1 << 4);
-    pub const DSNU: Self = Self(1 << 5);
-    pub const PRNU: Self = Self(1 << 6);
-    pub const COLUMN: Self = Self(1 << 7);
-    pub const ROW: Self = Self(1 << 8);
-
-    pub const fn has(self, other: Self) -> bool {
-        self.0 & other.0 == other.0
-    }
-
-    pub const fn without(self, other: Self) -> Self {
-        Self(self.0 & !other.0)
-    }
-
-    /// `sigma` where the noise is on, else 0.
-    pub(super) fn on(self, noise: Self, sigma: f64) -> f64 {
-        if self.has(noise) { sigma } else { 0.0 }
-    }
-}
-
-impl FromStr for NoiseSet {
-    type Err = String;
-
-    fn from_str(text: &str) -> Result<Self, String> {
-        match text {
-            "all" => Ok(Self::ALL),
-            "none" => Ok(Self::NONE),
-            list => list.split(',').try_fold(Self::NONE, |set, word| {
-                match NOISES.iter().position(|name| *name == word.trim()) {
-                    Some(bit) => Ok(Self(set.0 | 1 << bit)),
-                    None => Err(format!(
-                        "unknown noise source `{word}`; expected all, none or some of {}",
-                        NOISES.join(",")
-                    )),
-                }
-            }),
-        }
-    }
-}
-
-impl std::fmt::Display for NoiseSet {
-    fn fmt(&self, f: &mut std::fmt::Formatter<'_>) -> std::fmt::Result {
-        match *self {
-            Self::ALL => f.write_str("all"),
-            Self::NONE => f.write_str("none"),
-            Self(bits) => {
-                let on = NOISES.iter().enumerate().filter(|(bit, _)| bits >> bit & 1 == 1);
-                f.write_str(&on.map(|(_, name)| *name).collect::<Vec<_>>().join(","))
-            }
-        }
-    }
-}
+use super::{NoiseSet, Sensor};
 
 /// What one frame is taken with.
 #[derive(Clone, Copy, Debug, PartialEq)]
@@ -153,15 +84,6 @@ impl SignalHistogram {
 #[cfg(test)]
 mod tests {
     use super::*;
-
-    #[test]
-    fn noises_are_parsed_and_printed() {
-        for text in ["all", "none", "shot,read", "dark"] {
-            assert_eq!(text.parse::<NoiseSet>().unwrap().to_string(), text);
-        }
-        assert!("shot,rad".parse::<NoiseSet>().unwrap_err().contains("unknown noise source `rad`"));
-        assert_eq!(NOISES.join(",").parse::<NoiseSet>(), Ok(NoiseSet::ALL));
-    }
 
     #[test]
     fn percentiles_are_of_nearest_rank_and_in_any_order() {

@@ -53,23 +53,12 @@ pub struct Clipped {
 impl Exposer {
     /// One frame of `sensor`.
     pub fn new(sensor: &Sensor, e: &Exposure) -> Self {
-        let (n, on) = (&sensor.noise, |noise, sigma| e.noise.on(noise, sigma));
         let dark = sensor.dark_current_e_per_s(e.temperature_c) * e.seconds;
         Self {
-            sigma: NoiseFigures {
-                read_noise_e: on(NoiseSet::READ, n.read_noise_e),
-                reset_noise_e: on(NoiseSet::RESET, n.reset_noise_e),
-                adc_noise_dn: on(NoiseSet::ADC, n.adc_noise_dn),
-                dsnu_e: on(NoiseSet::DSNU, n.dsnu_e),
-                prnu: on(NoiseSet::PRNU, n.prnu),
-                dark_nonuniformity: on(NoiseSet::DARK, n.dark_nonuniformity),
-                column_offset_e: on(NoiseSet::COLUMN, n.column_offset_e),
-                column_gain: on(NoiseSet::COLUMN, n.column_gain),
-                row_noise_e: on(NoiseSet::ROW, n.row_noise_e),
-            },
+            sigma: sensor.noise.switched(e.noise),
             shot: e.noise.has(NoiseSet::SHOT),
             signal_scale: e.scale * e.seconds,
-            dark_e: if e.noise.has(NoiseSet::DARK) { dark } else { 0.0 },
+            dark_e: e.noise.on(NoiseSet::DARK, dark),
             full_well_e: sensor.pixel.full_well_e,
             black_dn: sensor.adc.black_dn,
             dn_per_e: e.gain * sensor.adc.gain_dn_per_e,

@@ -9,8 +9,8 @@ use crate::cuda::memory::QueueMemory;
 use crate::cuda::{CudaError, Device};
 use crate::flow::{ChartSource, SourceSinkError};
 use crate::geometry::{Rect, Size};
-use crate::plan::Tiling;
 use crate::stages::cuda::band::GpuBand;
+use crate::tiling::Tiling;
 use std::sync::Arc;
 
 /// Remap and PSF stages of a job. Called from many threads at once.

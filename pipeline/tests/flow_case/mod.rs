@@ -12,10 +12,10 @@ use lenscube_pipeline::executor::{BandWork, Progress, RunError, Summary, Work, r
 use lenscube_pipeline::flow::{ChartSource, FilmSink, SourceSinkError};
 use lenscube_pipeline::geometry::{Frame, Rect, Size};
 use lenscube_pipeline::lens::{Lens, LensBand, LensError, PsfSample, PsfStack};
-use lenscube_pipeline::plan::{FilmRegion, ShardId};
 use lenscube_pipeline::simd::Simd;
 use lenscube_pipeline::stages::StageCompute;
 use lenscube_pipeline::stages::default_stages;
+use lenscube_pipeline::tiling::{FilmRegion, ShardId};
 
 use crate::oracle::{self, Grid, Image, Noise, Tables};
 

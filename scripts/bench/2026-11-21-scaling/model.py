@@ -1,7 +1,7 @@
 #!/usr/bin/env python3
 """Time of the paper's job, and of a hundred such charts, against nodes: where more of them stop helping, and why.
 
-Reads measured.json (units of the paper's job, measured on this machine) and prints the tables of output.txt.
+Reads measured.json (units of the paper's job, measured on this machine) and prints tables.
 
     unit   one band x a number of shard rows; a worker does it in  start-up + compute / its cores
     job    ceil(units / workers) rounds of units, but never less than bytes / bandwidth, for the store and for each node's link

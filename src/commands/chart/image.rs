@@ -80,7 +80,7 @@ pub fn command(args: &ImageArgs) -> Result<()> {
         }
     };
     let power = |nm: f64| scale * light.relative_power(nm);
-    let plan = plan(args, &file, light, &power)?;
+    let conversion = conversion(args, &file, light, &power)?;
     let size = file.size();
     let limit = MemoryLimit::new(args.memory, MAX_DEFAULT);
     let needed = file.decoder_bytes() as u64 + MAX_THREAD_BYTES;
@@ -101,23 +101,23 @@ pub fn command(args: &ImageArgs) -> Result<()> {
     bar.finish_and_clear();
     let picture = IlluminatedPicture {
         linear,
-        factors: plan.factors,
-        spectral: plan.spectral,
+        factors: conversion.factors,
+        spectral: conversion.spectral,
         negative_samples: AtomicU64::new(0),
     };
     let mut attributes = Map::new();
     let name = args.file.file_name().map_or(String::new(), |n| n.to_string_lossy().into_owned());
     attributes.insert("image".into(), json!(name));
     attributes.insert("program".into(), concat!("lenscube ", env!("CARGO_PKG_VERSION")).into());
-    if let Some(light) = plan.illuminant {
+    if let Some(light) = conversion.illuminant {
         attributes.insert("illuminant".into(), json!(light.name()));
         attributes.insert("white_exposure".into(), json!(exposure));
     }
     let meta = ChartMeta {
-        wavelengths_nm: plan.wavelengths_nm,
+        wavelengths_nm: conversion.wavelengths_nm,
         pitch_um: args.pitch_um,
         film_size: Some(size),
-        units: Some(plan.units),
+        units: Some(conversion.units),
         attributes,
     };
     let chart = NewChart { source: &picture, meta: &meta, surfaces: &[] };
@@ -126,7 +126,7 @@ pub fn command(args: &ImageArgs) -> Result<()> {
     if negative > 0 {
         log_line(format!("note: {negative} negative samples were replaced by 0"));
     }
-    if let Some(light) = plan.illuminant {
+    if let Some(light) = conversion.illuminant {
         log_line(format!(
             "to display white as 255: lenscube export {} OUT.png --white {} --exposure {exposure}",
             args.out.display(),
@@ -137,7 +137,7 @@ pub fn command(args: &ImageArgs) -> Result<()> {
 }
 
 /// Conversion of channels to bands.
-struct Plan {
+struct Conversion {
     wavelengths_nm: Vec<f64>,
     /// Factors by band and channel.
     factors: Vec<Vec<f32>>,
@@ -147,7 +147,12 @@ struct Plan {
     illuminant: Option<Illuminant>,
 }
 
-fn plan(args: &ImageArgs, file: &ImageFile, light: Illuminant, power: &dyn Fn(f64) -> f64) -> Result<Plan> {
+fn conversion(
+    args: &ImageArgs,
+    file: &ImageFile,
+    light: Illuminant,
+    power: &dyn Fn(f64) -> f64,
+) -> Result<Conversion> {
     let units = if args.scale_to.is_some() { "W m-2 sr-1 nm-1" } else { "relative" };
     if let Some(exr) = file.spectral() {
         let ExrContent::Spectral { wavelengths_nm, reflective } = exr.content.clone() else {
@@ -167,7 +172,7 @@ fn plan(args: &ImageArgs, file: &ImageFile, light: Illuminant, power: &dyn Fn(f6
         }
         let factor = |nm: &f64| vec![if reflective { power(*nm) as f32 } else { 1.0 }];
         let units = if reflective { units } else { exr.chart.units().unwrap_or("relative") };
-        return Ok(Plan {
+        return Ok(Conversion {
             factors: wavelengths_nm.iter().map(factor).collect(),
             wavelengths_nm,
             spectral: true,
@@ -186,5 +191,5 @@ fn plan(args: &ImageArgs, file: &ImageFile, light: Illuminant, power: &dyn Fn(f6
             .map(|(&nm, rho)| rho.map(|r| (r * power(nm)) as f32).to_vec())
             .collect()
     };
-    Ok(Plan { wavelengths_nm, factors, spectral: false, units: units.into(), illuminant: Some(light) })
+    Ok(Conversion { wavelengths_nm, factors, spectral: false, units: units.into(), illuminant: Some(light) })
 }

@@ -12,8 +12,8 @@ use crate::machine::threads;
 use crate::progress::{log_line, print};
 use anyhow::Result;
 use formats::chart::Codec;
+use formats::picture::contact_sheet::{Crop, contact_sheet};
 use formats::picture::exposure::Exposure;
-use formats::picture::sheet::{Crop, contact_sheet};
 use pipeline::chart::Generator;
 use pipeline::geometry::Rect;
 use std::path::Path;
@@ -40,7 +40,7 @@ pub fn command(args: &DemoArgs, demo: &mut DemoDirectory) -> Result<u8> {
         }
     }
     log_line("3/3  picture");
-    demo.create("focus.png", |path| sheet(dir, &scene, path, threads))?;
+    demo.create("focus.png", |path| focus_pictures(dir, &scene, path, threads))?;
     let d = dir.display();
     print(format!(
         "
@@ -65,7 +65,7 @@ fn film(chart: &str, film: &Path, focus_m: f64, threads: usize) -> Result<u8> {
 }
 
 /// Writes focus.png: the scene and the films under the same exposure.
-fn sheet(dir: &Path, scene: &Generator, out: &Path, threads: usize) -> Result<()> {
+fn focus_pictures(dir: &Path, scene: &Generator, out: &Path, threads: usize) -> Result<()> {
     let (edge, film) = (scene.overscan_px() as i64, scene.film_size());
     let middle = Rect::new(edge, edge, film.height, film.width);
     let (chart, exposure) = picture(&text(&dir.join("scene.zarr")), Some(middle), Exposure::Auto, threads)?;
@@ -76,6 +76,6 @@ fn sheet(dir: &Path, scene: &Generator, out: &Path, threads: usize) -> Result<()
         crops.push(Crop { image, caption: format!("film, focus at {focus_m} m") });
     }
     let pairs: Vec<[Crop; 2]> = crops.as_chunks::<2>().0.to_vec();
-    let sheet = contact_sheet("Disc at 0.1 m, ball at 0.18 m, wall at 1 m behind a phone lens", &pairs, 1)?;
-    Ok(sheet.write_png(out, "lenscube demo --depth: focus from near to far")?)
+    let picture = contact_sheet("Disc at 0.1 m, ball at 0.18 m, wall at 1 m behind a phone lens", &pairs, 1)?;
+    Ok(picture.write_png(out, "lenscube demo --depth: focus from near to far")?)
 }

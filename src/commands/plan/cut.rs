@@ -8,8 +8,8 @@
 use super::file::{Shards, Totals, Unit};
 use crate::job::Job;
 use crate::job::cost;
-use pipeline::plan::ShardId;
-use pipeline::plan::tiles_needed;
+use pipeline::tiling::ShardId;
+use pipeline::tiling::tiles_needed;
 use std::collections::{BTreeMap, BTreeSet};
 
 /// Units that suffice to balance the load of some workers.
@@ -23,7 +23,7 @@ const MIN_CORE_S: f64 = 4.0;
 
 /// The film's arrays and their shards.
 pub fn outputs(job: &Job) -> BTreeMap<String, Shards> {
-    let of = |(i, area): (usize, &pipeline::plan::FilmRegion)| {
+    let of = |(i, area): (usize, &pipeline::tiling::FilmRegion)| {
         let (rows, columns) = area.count();
         (job.film.outputs[i].name.clone(), Shards { rows, columns })
     };

@@ -5,7 +5,7 @@ use crate::progress::Bars;
 use crate::progress::jsonl::Jsonl;
 use formats::film::FilmStore;
 use pipeline::executor::Progress;
-use pipeline::plan::ShardId;
+use pipeline::tiling::ShardId;
 
 /// Display of progress.
 pub enum Display<'a> {

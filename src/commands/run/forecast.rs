@@ -15,8 +15,8 @@ use anyhow::Result;
 use formats::chart::Codec;
 use formats::durable::{Store, free_bytes, is_url, link_target, parent_of};
 use formats::film::FilmSpec;
-use pipeline::plan::ShardId;
-use pipeline::plan::tiles_needed;
+use pipeline::tiling::ShardId;
+use pipeline::tiling::tiles_needed;
 use std::collections::BTreeSet;
 use std::path::Path;
 

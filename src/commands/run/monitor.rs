@@ -10,7 +10,7 @@ use formats::film::FilmStore;
 use formats::group::GroupError;
 use pipeline::cuda::CudaError;
 use pipeline::executor::{Progress, RunError, Summary};
-use pipeline::plan::ShardId;
+use pipeline::tiling::ShardId;
 use std::collections::{BTreeMap, BTreeSet};
 use std::sync::Mutex;
 use std::sync::atomic::{AtomicU64, Ordering};

@@ -5,8 +5,8 @@ use crate::job::Job;
 use anyhow::Result;
 use formats::film::FilmStore;
 use pipeline::executor::{BandWork, Work};
-use pipeline::plan::ShardId;
-use pipeline::plan::tiles_needed;
+use pipeline::tiling::ShardId;
+use pipeline::tiling::tiles_needed;
 use std::collections::BTreeSet;
 
 /// Shards requested, present or not, per position of the job.

@@ -5,7 +5,7 @@ use pipeline::buffer::ShardPixels;
 use pipeline::depth::invented::InventedLight;
 use pipeline::flow::{FilmSink, SourceSinkError};
 use pipeline::geometry::Rect;
-use pipeline::plan::ShardId;
+use pipeline::tiling::ShardId;
 use std::sync::Mutex;
 
 /// Encodes and writes shards of a film.

@@ -1,7 +1,7 @@
 //! What a raw records, and what a run prints before the first pixel.
 
-use super::resolve::{Plan, Source, empty};
-use super::settle::Settled;
+use super::exposure_times::ExposureTimes;
+use super::resolve::{RawJob, Source, empty};
 use crate::film::digest;
 use crate::progress::mib;
 use crate::progress::{log_line, plural};
@@ -25,9 +25,9 @@ fn matrix(sensor: &Sensor, light: Illuminant) -> Value {
     }
 }
 
-impl Plan {
+impl RawJob {
     /// The layout of the raw.
-    pub fn spec(&self, settled: &Settled) -> RawSpec {
+    pub fn spec(&self, times: &ExposureTimes) -> RawSpec {
         let (pitch_um, centre_mm) = match &self.source {
             Source::Film(_, geometry) => (geometry.rows.pitch_um, geometry.centre_mm),
             Source::Kept(kept) => (kept.spec.pitch_um, kept.spec.centre_mm),
@@ -37,14 +37,14 @@ impl Plan {
             sensor: self.size(),
             pitch_um,
             centre_mm,
-            exposure_s: settled.exposure_s.clone(),
+            exposure_s: times.exposure_s.clone(),
             signal: self.keep_signal,
             ..empty()
         }
     }
 
     /// All that the raw records; nothing that differs from run to run.
-    pub fn attributes(&self, settled: &Settled) -> Map<String, Value> {
+    pub fn attributes(&self, times: &ExposureTimes) -> Map<String, Value> {
         let (s, layout) = (&self.sensor, layout());
         let names: Vec<&str> = s.channels.iter().map(|c| c.name.as_str()).collect();
         let pattern: Vec<Vec<&str>> = s
@@ -109,7 +109,7 @@ impl Plan {
             "band_weights_nm_per_j": weights,
             "area_m2": s.area_m2(),
             "film": film,
-            "film_scale": settled.scale,
+            "film_scale": times.scale,
             "signal_identity": self.signal_identity,
         }
     }
@@ -120,7 +120,7 @@ impl Plan {
     }
 
     /// Prints what is about to be done.
-    pub fn log_start(&self, spec: &RawSpec, settled: &Settled) {
+    pub fn log_start(&self, spec: &RawSpec, times: &ExposureTimes) {
         let s = &self.sensor;
         let centre = spec.centre_mm;
         log_line(format!(
@@ -138,15 +138,15 @@ impl Plan {
             plural(self.memory.threads, "thread"),
             mib(self.memory.limit),
         ));
-        let mut times = settled.exposure_s.clone();
-        times.dedup();
-        let times: Vec<String> = times.iter().map(|t| format!("{t:.6e} s")).collect();
+        let mut seconds = times.exposure_s.clone();
+        seconds.dedup();
+        let seconds: Vec<String> = seconds.iter().map(|t| format!("{t:.6e} s")).collect();
         let scale = if self.relative() {
-            format!(", film scale {:.6e} W m-2 nm-1", settled.scale)
+            format!(", film scale {:.6e} W m-2 nm-1", times.scale)
         } else {
             String::new()
         };
-        log_line(format!("exposure {}{scale}", times.join(", ")));
+        log_line(format!("exposure {}{scale}", seconds.join(", ")));
     }
 }
 

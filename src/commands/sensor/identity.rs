@@ -11,6 +11,9 @@ use serde_json::{Map, Value, json};
 /// Raised whenever the program gives other digital numbers for the same job.
 const NUMERIC_VERSION: u32 = 1;
 
+/// Noise figures that every identity has; later ones are in it where they are not 0, so that older raws keep theirs.
+const FIRST_FIGURES: usize = 9;
+
 /// What determines the signal: film, the optical part of the sensor, geometry.
 pub fn of_signal(film: &Film, sensor: &Sensor, geometry: &Geometry) -> Value {
     json!({
@@ -41,13 +44,17 @@ pub fn optics(sensor: &Sensor) -> String {
 
 /// Digest of the electronic parameters of a sensor.
 fn electronics(sensor: &Sensor) -> String {
-    let (p, n, a) = (&sensor.pixel, &sensor.noise, &sensor.adc);
-    digest(&json!([
-        [p.full_well_e, p.dark_current_e_per_s, p.dark_reference_c, p.dark_doubling_k],
-        [n.read_noise_e, n.reset_noise_e, n.adc_noise_dn, n.dsnu_e, n.prnu, n.dark_nonuniformity],
-        [n.column_offset_e, n.column_gain, n.row_noise_e],
-        [f64::from(a.bits), a.gain_dn_per_e, a.black_dn],
-    ]))
+    let (p, a) = (&sensor.pixel, &sensor.adc);
+    let noise: Vec<f64> = sensor.noise.rows().map(|(_, value)| value).collect();
+    let later = sensor.noise.rows().skip(FIRST_FIGURES).filter(|(_, value)| *value != 0.0);
+    let mut parts = vec![
+        json!([p.full_well_e, p.dark_current_e_per_s, p.dark_reference_c, p.dark_doubling_k]),
+        json!(noise[..6]),
+        json!(noise[6..FIRST_FIGURES]),
+        json!([f64::from(a.bits), a.gain_dn_per_e, a.black_dn]),
+    ];
+    parts.extend(later.map(|(row, value)| json!([row.field, value])));
+    digest(&Value::Array(parts))
 }
 
 /// All that changes pixels.

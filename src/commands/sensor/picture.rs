@@ -4,7 +4,7 @@
 //! raw is removed. DNG holds the digital numbers; TIFF and PNG hold them as 16-bit grey, scaled so that 2^bits − 1 is 65535.
 
 use super::raw;
-use super::resolve::Plan;
+use super::resolve::RawJob;
 use crate::args::ExposeArgs;
 use crate::camera::frame::Frame;
 use crate::failure::{code, replacing_other_job, usage};
@@ -79,16 +79,16 @@ pub fn command(args: &ExposeArgs, film: &str, (out, format): (&Path, FileFormat)
         )));
     }
     check_absent(out, args.overwrite)?;
-    let plan = Plan::new(args, film)?;
-    let rect = plan.outputs[0].rect;
+    let job = RawJob::new(args, film)?;
+    let rect = job.outputs[0].rect;
     if format == FileFormat::Dng {
-        check_dng(&plan.sensor, rect, out)?;
+        check_dng(&job.sensor, rect, out)?;
     }
     let path = temporary_raw(out);
     let resuming = ExposeArgs { overwrite: false, ..args.clone() };
     let code = replacing_other_job(
         args.overwrite,
-        || raw::expose(&resuming, &plan, &path),
+        || raw::expose(&resuming, &job, &path),
         || raw::remove(&path, args.take_over),
     )?;
     if code != 0 {
@@ -96,7 +96,7 @@ pub fn command(args: &ExposeArgs, film: &str, (out, format): (&Path, FileFormat)
     }
     let cancel = interrupt::cancel_flag();
     fault_point("file-begins");
-    match convert(args, &plan, &path, (out, format), cancel) {
+    match convert(args, &job, &path, (out, format), cancel) {
         Err(_) if cancel.load(Relaxed) => {
             log_line(format!("interrupted: {shown} was not written; the same command resumes"));
             return Ok(code::INTERRUPTED);
@@ -173,33 +173,25 @@ fn colour(sensor: &Sensor, light: Illuminant) -> Result<DngColour> {
 
 /// S and O of the noise profile: only of noises that are on. The variance is S·x + O of x = (DN − black)/(white − black), which contains the
 /// mean dark charge: S·x has its shot noise.
-fn noise_profile(plan: &Plan, seconds: f64) -> (f64, f64) {
-    let (s, e) = (&plan.sensor, &plan.exposure);
-    let on = |noise, sigma: f64| if e.noise.has(noise) { sigma } else { 0.0 };
-    let n = &s.noise;
-    let dark = on(NoiseSet::DARK, s.dark_current_e_per_s(e.temperature_c) * seconds);
-    let electrons = (dark * n.dark_nonuniformity).powi(2)
-        + on(NoiseSet::READ, n.read_noise_e).powi(2)
-        + on(NoiseSet::RESET, n.reset_noise_e).powi(2)
-        + on(NoiseSet::DSNU, n.dsnu_e).powi(2)
-        + on(NoiseSet::COLUMN, n.column_offset_e).powi(2)
-        + on(NoiseSet::ROW, n.row_noise_e).powi(2);
-    let dn_per_e = plan.gain * s.adc.gain_dn_per_e;
-    let width = s.white_dn(plan.gain) - s.adc.black_dn;
-    let offset = dn_per_e * dn_per_e * electrons + on(NoiseSet::ADC, n.adc_noise_dn).powi(2) + 1.0 / 12.0;
-    (on(NoiseSet::SHOT, dn_per_e / width), offset / (width * width))
+fn noise_profile(job: &RawJob, seconds: f64) -> (f64, f64) {
+    let (s, e) = (&job.sensor, &job.exposure);
+    let dark_e = e.noise.on(NoiseSet::DARK, s.dark_current_e_per_s(e.temperature_c) * seconds);
+    let dark = s.noise_variance(e.noise, job.gain, dark_e, dark_e);
+    let share_per_e = job.gain * s.adc.gain_dn_per_e / (s.white_dn(job.gain) - s.adc.black_dn);
+    let offset_e2 = dark.frames_e2 + dark.rounding_e2 + dark.fixed_e2;
+    (e.noise.on(NoiseSet::SHOT, share_per_e), share_per_e * share_per_e * offset_e2)
 }
 
 /// Writes the file from the raw.
 fn convert(
     args: &ExposeArgs,
-    plan: &Plan,
+    job: &RawJob,
     raw: &Path,
     (out, format): (&Path, FileFormat),
     cancel: &AtomicBool,
 ) -> Result<()> {
     let chunk = RawSpec::chunk_shape();
-    let rect = plan.outputs[0].rect;
+    let rect = job.outputs[0].rect;
     let cache = 2 * 4 * chunk.0 * (rect.width.div_ceil(chunk.1) * chunk.1);
     let name = raw.to_str().ok_or_else(|| anyhow!("{}: expected a UTF-8 name", raw.display()))?;
     let frame = Frame::open(name, 0, cache)?;
@@ -236,7 +228,7 @@ fn convert(
             colour: if pattern.is_some() { colour(sensor, light)? } else { DngColour::default() },
             pattern,
             black_white_dn: frame.black_white_dn(),
-            noise: noise_profile(plan, frame.exposure_s()),
+            noise: noise_profile(job, frame.exposure_s()),
             exposure_s: frame.exposure_s(),
             iso: sensor.adc.base_iso.map(|iso| iso * frame.gain),
             description: &comment,

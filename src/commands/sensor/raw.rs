@@ -1,6 +1,6 @@
 //! The raw of a job: created, resumed, or found complete; its missing shards are made.
 
-use super::resolve::Plan;
+use super::resolve::RawJob;
 use super::{record, signal, warnings_after, write};
 use crate::args::ExposeArgs;
 use crate::failure::{code, other_job, usage};
@@ -13,26 +13,26 @@ use formats::raw::RawStore;
 use std::path::Path;
 use std::time::Instant;
 
-/// Exposes the film of `plan` into the raw `raw`.
-pub fn expose(args: &ExposeArgs, plan: &Plan, raw: &Path) -> Result<u8> {
+/// Exposes the film of `job` into the raw `raw`.
+pub fn expose(args: &ExposeArgs, job: &RawJob, raw: &Path) -> Result<u8> {
     let start = Instant::now();
     interrupt::listen();
     if !args.overwrite
-        && let Some(store) = resumed(plan, raw, !args.no_fsync)?
+        && let Some(store) = resumed(job, raw, !args.no_fsync)?
     {
-        return work(args, plan, &store, None, start);
+        return work(args, job, &store, None, start);
     }
-    plan.log_warnings();
+    job.log_warnings();
     // Without exposures there is nothing to create yet: the signal comes first.
-    let measured = match plan.needs_signal_first() {
-        true => match signal::measure(plan, parent_of(&link_target(raw)))? {
+    let measured = match job.needs_signal_first() {
+        true => match signal::measure(job, parent_of(&link_target(raw)))? {
             Some(measured) => Some(measured),
             None => return Ok(interrupted("nothing was written; the same command starts again")),
         },
         false => None,
     };
-    let settled = plan.settle(measured.as_ref())?;
-    let spec = plan.spec(&settled);
+    let times = job.exposure_times(measured.as_ref())?;
+    let spec = job.spec(&times);
     if !spec.holds() {
         return Err(usage(format!(
             "{} frames of {} arrays: expected at most 10000 frames, 4096 arrays and 4194304 shards",
@@ -45,18 +45,18 @@ pub fn expose(args: &ExposeArgs, plan: &Plan, raw: &Path) -> Result<u8> {
         remove(raw, args.take_over)?;
         fault_point("raw-removed");
     }
-    let store = match RawStore::create(raw, spec, plan.attributes(&settled), !args.no_fsync) {
-        Err(GroupError::Exists { .. }) => match resumed(plan, raw, !args.no_fsync)? {
+    let store = match RawStore::create(raw, spec, job.attributes(&times), !args.no_fsync) {
+        Err(GroupError::Exists { .. }) => match resumed(job, raw, !args.no_fsync)? {
             Some(store) => store,
             None => return Err(GroupError::Exists { kind: GroupKind::Raw, path: raw.into() }.into()),
         },
         created => created?,
     };
-    work(args, plan, &store, measured, start)
+    work(args, job, &store, measured, start)
 }
 
 /// The raw at `path`, if it is this job's own; `None` if nothing is there.
-fn resumed(plan: &Plan, path: &Path, fsync: bool) -> Result<Option<RawStore>> {
+fn resumed(job: &RawJob, path: &Path, fsync: bool) -> Result<Option<RawStore>> {
     let store = match RawStore::open(path, fsync) {
         Ok(store) => store,
         Err(GroupError::NotOfKind { found: Found::Nothing, .. }) => return Ok(None),
@@ -66,7 +66,7 @@ fn resumed(plan: &Plan, path: &Path, fsync: bool) -> Result<Option<RawStore>> {
     sweep_entries(parent_of(&link_target(path)))?;
     let theirs =
         store.attributes().get("provenance").and_then(|p| p["job"].as_object()).cloned().unwrap_or_default();
-    let differ = crate::film::differences(&theirs, &plan.identity);
+    let differ = crate::film::differences(&theirs, &job.identity);
     if differ.is_empty() {
         return Ok(Some(store));
     }
@@ -82,7 +82,7 @@ fn resumed(plan: &Plan, path: &Path, fsync: bool) -> Result<Option<RawStore>> {
 /// Writes the shards that are missing.
 fn work(
     args: &ExposeArgs,
-    plan: &Plan,
+    job: &RawJob,
     store: &RawStore,
     measured: Option<signal::Measured>,
     start: Instant,
@@ -116,13 +116,13 @@ fn work(
             all.len()
         ));
     }
-    let settled = plan.settled_of(store)?;
-    plan.log_start(store.spec(), &settled);
-    let outcome = write::shards(plan, store, &settled, &missing, measured);
+    let times = job.recorded_times(store)?;
+    job.log_start(store.spec(), &times);
+    let outcome = write::shards(job, store, &times, &missing, measured);
     let outcome = outcome.and_then(|done| store.group().check_in_place().map(|()| done).map_err(Into::into));
-    record::write(plan, store, &outcome, start);
+    record::write(job, store, &outcome, start);
     let done = outcome?;
-    warnings_after::print(plan, &settled, &done);
+    warnings_after::print(job, &times, &done);
     if done.left > 0 {
         return Ok(interrupted(&format!(
             "{} of {} shards are missing; {}",
@@ -131,7 +131,7 @@ fn work(
             resume_note(args.overwrite)
         )));
     }
-    detail_line(record::details(plan, &done));
+    detail_line(record::details(job, &done));
     log_line(record::summary(&done, start));
     Ok(0)
 }

@@ -1,6 +1,6 @@
 //! The record that a run leaves in the raw, and its last line.
 
-use super::resolve::{Plan, Source};
+use super::resolve::{RawJob, Source};
 use super::write::{Done, process_core_s};
 use crate::failure;
 use crate::machine::peak_resident;
@@ -13,11 +13,11 @@ use serde_json::json;
 use std::time::{Instant, SystemTime};
 
 /// Keeps what the run did, however it ended.
-pub fn write(plan: &Plan, store: &RawStore, outcome: &Result<Done>, start: Instant) {
+pub fn write(job: &RawJob, store: &RawStore, outcome: &Result<Done>, start: Instant) {
     let seconds = SystemTime::now().duration_since(SystemTime::UNIX_EPOCH).map_or(0, |d| d.as_secs());
     let done = outcome.as_ref().ok();
     let of = |f: fn(&Done) -> u64| done.map(f);
-    let (bytes_read, chunks) = match &plan.source {
+    let (bytes_read, chunks) = match &job.source {
         Source::Film(film, _) => Some(film.stats()).unzip(),
         Source::Kept(_) => (None, None),
     };
@@ -27,8 +27,8 @@ pub fn write(plan: &Plan, store: &RawStore, outcome: &Result<Done>, start: Insta
         "outcome": match done { None => "failed", Some(d) if d.left > 0 => "interrupted", Some(_) => "complete" },
         "error": outcome.as_ref().err().map(failure::line),
         "host": ProcessIdentity::current().host,
-        "threads": plan.memory.threads,
-        "memory_limit_bytes": plan.memory.limit,
+        "threads": job.memory.threads,
+        "memory_limit_bytes": job.memory.limit,
         "peak_resident_bytes": peak_resident(),
         "wall_s": start.elapsed().as_secs_f64(),
         "core_s": done.map(|d| json!({
@@ -56,13 +56,13 @@ fn rest_s(done: &Done) -> f64 {
 }
 
 /// Core seconds, for `-v`.
-pub fn details(plan: &Plan, done: &Done) -> String {
+pub fn details(job: &RawJob, done: &Done) -> String {
     format!(
         "core seconds: film and signal {:.1}, noise {:.1}, encoding and writing {:.1}, on {}",
         rest_s(done),
         done.noise_s,
         done.write_s,
-        plural(plan.memory.threads, "thread")
+        plural(job.memory.threads, "thread")
     )
 }
 

@@ -32,7 +32,7 @@ pub enum Source {
 }
 
 /// A job, ready to run.
-pub struct Plan {
+pub struct RawJob {
     /// The signal.
     pub source: Source,
     pub(super) file: SensorFile,
@@ -57,7 +57,7 @@ pub struct Plan {
     pub(super) warnings: Vec<String>,
 }
 
-impl Plan {
+impl RawJob {
     /// Resolves `args`.
     pub fn new(args: &ExposeArgs, film: &str) -> Result<Self> {
         let times = Times::parse(args.exposure.as_deref().unwrap_or_default())?;

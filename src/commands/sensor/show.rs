@@ -11,6 +11,7 @@ use formats::sensor::{SensorFile, builtin_names};
 use pipeline::colour::Illuminant;
 use pipeline::geometry::Size;
 use pipeline::sensor::emva::Bench;
+use pipeline::sensor::figures::{Over, Quantity};
 use pipeline::sensor::{NoiseSet, Sensor};
 use std::path::Path;
 
@@ -49,7 +50,7 @@ pub fn show(args: &SensorShowArgs) -> Result<()> {
 }
 
 fn figures(file: &SensorFile, s: &Sensor) -> Vec<String> {
-    let (p, n, a) = (&s.pixel, &s.noise, &s.adc);
+    let (p, a) = (&s.pixel, &s.adc);
     let pitch = match file.pitch_um() {
         Some(pitch) => format!("{pitch} µm"),
         None => format!("the film's (figures below for {DEFAULT_PITCH_UM} µm)"),
@@ -65,22 +66,12 @@ fn figures(file: &SensorFile, s: &Sensor) -> Vec<String> {
             s.white_dn(1.0)
         ),
         format!("  converter         {} bits, {} DN/e-, black {} DN", a.bits, a.gain_dn_per_e, a.black_dn),
-        format!(
-            "  dark              read {} e-, reset {} e-, converter {} DN, rows {} e- (RMS)",
-            n.read_noise_e, n.reset_noise_e, n.adc_noise_dn, n.row_noise_e
-        ),
+        format!("  dark              {} (RMS)", noises(s, Over::Frames)),
         format!(
             "  dark current      {} e-/s at {} °C, doubling every {} K",
             p.dark_current_e_per_s, p.dark_reference_c, p.dark_doubling_k
         ),
-        format!(
-            "  fixed patterns    DSNU {} e-, PRNU {} %, dark current {} %, columns {} e- and {} %",
-            n.dsnu_e,
-            100.0 * n.prnu,
-            100.0 * n.dark_nonuniformity,
-            n.column_offset_e,
-            100.0 * n.column_gain
-        ),
+        format!("  fixed patterns    {}", noises(s, Over::Die)),
         format!("  dynamic range     {:.1} dB", 20.0 * s.dynamic_range().log10()),
     ];
     for (c, channel) in s.channels.iter().enumerate() {
@@ -107,6 +98,19 @@ fn figures(file: &SensorFile, s: &Sensor) -> Vec<String> {
         lines.push(format!("    {:<26} {}", source.field, source.text));
     }
     lines
+}
+
+/// The noises that differ over frames or over a die: `read 2 e-, reset 0 e-`.
+fn noises(sensor: &Sensor, over: Over) -> String {
+    let rows = sensor.noise.rows().filter(|(row, _)| row.over == over);
+    let texts = rows.map(|(row, value)| match row.quantity {
+        Quantity::Charge => format!("{} {value} e-", row.label),
+        Quantity::Number => format!("{} {value} DN", row.label),
+        Quantity::LightShare | Quantity::DarkShare | Quantity::ChargeShare => {
+            format!("{} {} %", row.label, 100.0 * value)
+        }
+    });
+    texts.collect::<Vec<_>>().join(", ")
 }
 
 /// Wavelength (nm) and value of the highest quantum efficiency of a channel on a grid of 5 nm and at the nodes of its curves.
@@ -186,7 +190,7 @@ fn signal_to_noise_plots(s: &Sensor) -> Vec<Plot> {
 /// EMVA 1288 signal-to-noise ratio of a mean charge; `total`: with the fixed patterns.
 fn signal_to_noise(s: &Sensor, electrons: f64, total: bool) -> f64 {
     let variance = s.noise_variance(NoiseSet::ALL, 1.0, electrons, 0.0);
-    electrons / if total { variance.total_e2() } else { variance.temporal_e2 }.sqrt()
+    electrons / if total { variance.total_e2() } else { variance.temporal_e2() }.sqrt()
 }
 
 /// Writes a figure and logs its path.

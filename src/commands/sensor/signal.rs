@@ -3,7 +3,7 @@
 use super::film::Film;
 use super::geometry::Geometry;
 use super::kept::Kept;
-use super::resolve::{Plan, Source};
+use super::resolve::{RawJob, Source};
 use crate::progress::counting;
 use crate::progress::interrupt;
 use anyhow::{Context, Result};
@@ -56,8 +56,8 @@ pub struct Measured {
 
 impl Measured {
     /// The signal.
-    pub fn stored<'a>(&'a self, plan: &'a Plan) -> Option<Stored<'a>> {
-        self.file.as_ref().map(|file| Stored::Temp(file, plan.size().width))
+    pub fn stored<'a>(&'a self, job: &'a RawJob) -> Option<Stored<'a>> {
+        self.file.as_ref().map(|file| Stored::Temp(file, job.size().width))
     }
 }
 
@@ -65,9 +65,9 @@ impl Measured {
 const ROWS: usize = 512;
 
 /// Measures the signal of the whole sensor; a film's is written into a nameless file in `directory`. `None`: interrupted.
-pub fn measure(plan: &Plan, directory: &Path) -> Result<Option<Measured>> {
+pub fn measure(job: &RawJob, directory: &Path) -> Result<Option<Measured>> {
     let mut histogram = SignalHistogram::default();
-    let (film, geometry) = match &plan.source {
+    let (film, geometry) = match &job.source {
         Source::Film(film, geometry) => (film, geometry),
         Source::Kept(kept) => {
             let size = kept.spec.sensor;
@@ -81,7 +81,7 @@ pub fn measure(plan: &Plan, directory: &Path) -> Result<Option<Measured>> {
             return Ok(Some(Measured { file: None, histogram, mean_lux: None }));
         }
     };
-    let size = plan.size();
+    let size = job.size();
     let temp = std::env::temp_dir();
     let directory = if is_url(directory) { &temp } else { directory };
     formats::durable::create_directories(directory, true)?;
@@ -94,8 +94,8 @@ pub fn measure(plan: &Plan, directory: &Path) -> Result<Option<Measured>> {
         .into());
     }
     let file = unnamed_temp_file(directory)?;
-    let planes = plan.planes(film, plan.sums_lux());
-    let mut lux = plan.sums_lux().then_some(0.0);
+    let planes = job.planes(film, job.sums_lux());
+    let mut lux = job.sums_lux().then_some(0.0);
     let (bar, progress) = counting("measuring the signal");
     let mut deliver = |first: usize, planes: &[Vec<f32>]| {
         histogram.add(&planes[0]);
@@ -110,7 +110,7 @@ pub fn measure(plan: &Plan, directory: &Path) -> Result<Option<Measured>> {
         progress((first + planes[0].len() / size.width) as u64, size.height as u64);
         Ok(())
     };
-    let whole = pass(plan, (film, geometry), size.rect(), &planes, 0..size.height, &mut deliver)?;
+    let whole = pass(job, (film, geometry), size.rect(), &planes, 0..size.height, &mut deliver)?;
     bar.finish_and_clear();
     let mean_lux = lux.map(|sum| sum / size.pixels() as f64);
     Ok(whole.then_some(Measured { file: Some(file), histogram, mean_lux }))
@@ -118,7 +118,7 @@ pub fn measure(plan: &Plan, directory: &Path) -> Result<Option<Measured>> {
 
 /// Computes rows of a window of the sensor from the film; `false`: interrupted.
 pub fn pass(
-    plan: &Plan,
+    job: &RawJob,
     (film, geometry): (&Film, &Geometry),
     window: Rect,
     planes: &[BandWeights],
@@ -129,13 +129,13 @@ pub fn pass(
     let pass = Pass {
         film: &film.bands,
         bands: film.wavelengths_nm.len(),
-        sensor: &plan.sensor,
+        sensor: &job.sensor,
         rows: &row_taps,
         columns: &column_taps,
         window,
         planes,
-        block: plan.memory.block,
-        threads: plan.memory.threads,
+        block: job.memory.block,
+        threads: job.memory.threads,
         cancel: interrupt::cancel_flag(),
     };
     pass.run(rows, deliver).map_err(anyhow::Error::from_boxed)

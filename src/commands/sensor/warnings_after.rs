@@ -1,8 +1,8 @@
 //! Warnings and notes about the pixels of a raw that was made: clipping, a dark image, negative light.
 
 use super::exposure::Times;
-use super::resolve::Plan;
-use super::settle::Settled;
+use super::exposure_times::ExposureTimes;
+use super::resolve::RawJob;
 use super::write::Done;
 use crate::progress::log_line;
 use pipeline::sensor::NoiseSet;
@@ -12,7 +12,7 @@ const CLIPPED: f64 = 0.01;
 const NEGATIVE: f64 = 1e-3;
 
 /// Prints what the pixels showed.
-pub fn print(plan: &Plan, settled: &Settled, done: &Done) {
+pub fn print(job: &RawJob, times: &ExposureTimes, done: &Done) {
     let share = |n: u64, all: u64| n as f64 / all.max(1) as f64;
     let negative = share(done.negative, done.pixels);
     if done.negative > 0 {
@@ -27,7 +27,7 @@ pub fn print(plan: &Plan, settled: &Settled, done: &Done) {
         return;
     }
     let white = share(done.white, done.numbers);
-    let automatic = matches!(plan.times, Times::Auto { .. });
+    let automatic = matches!(job.times, Times::Auto { .. });
     if white > CLIPPED {
         let way_out = match automatic {
             true => "a smaller share of saturation or a higher percentile, --exposure auto:FILL@PERCENTILE",
@@ -42,9 +42,9 @@ pub fn print(plan: &Plan, settled: &Settled, done: &Done) {
         };
         log_line(format!("warning: no pixel is above 10 % of white; {way_out}"));
     }
-    let median = done.histogram.value_at(50.0) * settled.scale;
-    let dark = match plan.exposure.noise.has(NoiseSet::DARK) {
-        true => plan.sensor.dark_current_e_per_s(plan.exposure.temperature_c),
+    let median = done.histogram.value_at(50.0) * times.scale;
+    let dark = match job.exposure.noise.has(NoiseSet::DARK) {
+        true => job.sensor.dark_current_e_per_s(job.exposure.temperature_c),
         false => 0.0,
     };
     if dark > median {

@@ -1,7 +1,7 @@
 //! The shards of a raw: rows of shards of the signal, exposed and encoded shard by shard.
 
-use super::resolve::{Plan, Source};
-use super::settle::Settled;
+use super::exposure_times::ExposureTimes;
+use super::resolve::{RawJob, Source};
 use super::signal::{self, Measured, Stored};
 use crate::progress::counting;
 use crate::progress::interrupt;
@@ -62,9 +62,9 @@ fn seconds(t: Timespec) -> f64 {
 
 /// Work on some shards of one place: frames, and perhaps the signal itself.
 struct Writer<'a> {
-    plan: &'a Plan,
+    job: &'a RawJob,
     store: &'a RawStore,
-    settled: &'a Settled,
+    times: &'a ExposureTimes,
     done: Mutex<Done>,
     all: usize,
     progress: Progress<'a>,
@@ -75,9 +75,9 @@ type Places = BTreeMap<(usize, (usize, usize)), Vec<RawShard>>;
 
 /// Computes the shards `missing`.
 pub fn shards(
-    plan: &Plan,
+    job: &RawJob,
     store: &RawStore,
-    settled: &Settled,
+    times: &ExposureTimes,
     missing: &[RawShard],
     measured: Option<Measured>,
 ) -> Result<Done> {
@@ -87,16 +87,16 @@ pub fn shards(
     }
     let (bar, progress) = counting("exposing");
     let writer = Writer {
-        plan,
+        job,
         store,
-        settled,
+        times,
         done: Mutex::new(Done::default()),
         all: missing.len(),
         progress: &progress,
     };
-    let stored = match (&measured, &plan.source) {
+    let stored = match (&measured, &job.source) {
         (_, Source::Kept(kept)) => Some(Stored::Kept(kept)),
-        (Some(measured), _) => measured.stored(plan),
+        (Some(measured), _) => measured.stored(job),
         (None, Source::Film(..)) => None,
     };
     fault_point("shards-begin");
@@ -116,7 +116,7 @@ impl Writer<'_> {
     fn expose_stored(&self, places: &Places, stored: Stored<'_>) -> Result<()> {
         let places: Vec<&Vec<RawShard>> = places.values().collect();
         let cancel = interrupt::cancel_flag();
-        parallel::for_each(self.plan.memory.threads.min(places.len()), places.len(), &|_, _| (), |k| {
+        parallel::for_each(self.job.memory.threads.min(places.len()), places.len(), &|_, _| (), |k| {
             if cancel.load(Ordering::Relaxed) {
                 return Ok(());
             }
@@ -130,8 +130,8 @@ impl Writer<'_> {
 
     /// Rows of shards from the film, runs of them in one pass.
     fn expose_film(&self, places: &Places) -> Result<()> {
-        let Source::Film(film, geometry) = &self.plan.source else { return Ok(()) };
-        let planes = self.plan.planes(film, false);
+        let Source::Film(film, geometry) = &self.job.source else { return Ok(()) };
+        let planes = self.job.planes(film, false);
         for output in 0..self.store.spec().outputs.len() {
             let mut rows: Vec<usize> = places.keys().filter(|p| p.0 == output).map(|p| p.1.0).collect();
             rows.dedup();
@@ -162,7 +162,7 @@ impl Writer<'_> {
                         row += 1;
                     }
                 };
-                let passed = signal::pass(self.plan, (film, geometry), window, &planes, wanted, &mut deliver);
+                let passed = signal::pass(self.job, (film, geometry), window, &planes, wanted, &mut deliver);
                 match (failed, passed) {
                     (Some(e), _) => return Err(e),
                     (None, Ok(true)) => {}
@@ -186,7 +186,7 @@ impl Writer<'_> {
             .range((output, (row, 0))..(output, (row + 1, 0)))
             .flat_map(|(_, shards)| shards.iter().copied())
             .collect();
-        parallel::for_each(self.plan.memory.threads.min(shards.len()), shards.len(), &|_, _| (), |k| {
+        parallel::for_each(self.job.memory.threads.min(shards.len()), shards.len(), &|_, _| (), |k| {
             let rect = self.store.spec().shard_rect(shards[k]);
             let first = (rect.x - window.x) as usize;
             let mut tile = Vec::with_capacity(rect.size().pixels());
@@ -207,11 +207,11 @@ impl Writer<'_> {
         let bytes = match shard.frame {
             None => self.store.commit_signal(shard, tile)?,
             Some(frame) => {
-                let sensor = &self.plan.sensor;
+                let sensor = &self.job.sensor;
                 let mut numbers = vec![0; tile.len()];
-                Exposer::new(sensor, &self.plan.frame(self.settled, frame)).expose(tile, rect, &mut numbers);
+                Exposer::new(sensor, &self.job.frame(self.times, frame)).expose(tile, rect, &mut numbers);
                 exposed_s = thread_core_s();
-                let (white, black) = (sensor.white_dn(self.plan.gain), sensor.adc.black_dn);
+                let (white, black) = (sensor.white_dn(self.job.gain), sensor.adc.black_dn);
                 let ends = clipped(&numbers, white);
                 let tenth = black + 0.1 * (white - black);
                 let lit = numbers.iter().filter(|v| f64::from(**v) > tenth).count() as u64;

@@ -3,8 +3,7 @@
 use crate::failure::usage;
 use crate::open::{self, Chart, ChartFlags};
 use anyhow::{Context, Result};
-use formats::chart::{exr, pictures};
-use std::path::Path;
+use formats::chart::takes_axes;
 
 /// Largest difference of wavelengths that are the same, nm.
 const SAME_NM: f64 = 0.01;
@@ -41,12 +40,4 @@ pub fn open(spec: &str, name: &str, flags: &ChartFlags<'_>, wavelengths_nm: &[f6
     }
     let nm = list(wavelengths_nm);
     open::chart_with(spec, &ChartFlags { wavelengths: Some(&nm), ..flags }).with_context(|| name.to_owned())
-}
-
-/// Whether `--axes` applies: other formats declare their order.
-fn takes_axes(spec: &str) -> bool {
-    let path = Path::new(spec);
-    let declares =
-        exr::is_supported_path(path) || pictures::is_tiff(path) || pictures::is_set_of_pictures(spec);
-    !declares && !spec.starts_with("gen:")
 }

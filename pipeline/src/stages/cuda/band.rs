@@ -14,10 +14,10 @@ use crate::cuda::pool::Pinned;
 use crate::cuda::slice::CudaSlice;
 use crate::cuda::{CudaError, Device};
 use crate::geometry::{Frame, Rect};
-use crate::plan::Tiling;
 use crate::psf::cuda::{PsfMemory, PsfOnDevice, PsfPlan, PsfPlanner, PsfTile};
 use crate::remap::Remap;
 use crate::remap::cuda::{RemapOnDevice, RemapTile};
+use crate::tiling::Tiling;
 use std::ops::Range;
 use std::sync::Arc;
 

@@ -1,6 +1,6 @@
 //! Division of the tiles of a band into batches, and the film rows that a batch reaches and finishes, without a device.
 
-use crate::plan::Tiling;
+use crate::tiling::Tiling;
 use std::ops::Range;
 
 /// A rectangle of tiles.

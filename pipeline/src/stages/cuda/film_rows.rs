@@ -12,7 +12,7 @@ use crate::cuda::memory::STRIP_ROWS;
 use crate::cuda::slice::{CudaSlice, DeviceMemory, DeviceMemoryMut, DeviceRepr};
 use crate::cuda::{CudaError, Device, ptx};
 use crate::geometry::Rect;
-use crate::plan::Tiling;
+use crate::tiling::Tiling;
 use std::collections::VecDeque;
 use std::ops::Range;
 use std::sync::Arc;

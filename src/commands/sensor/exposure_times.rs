@@ -1,7 +1,7 @@
 //! Exposure times and the scale of a relative film: given, found from the signal, or recorded by the raw.
 
 use super::exposure::{MAX_SECONDS, Times};
-use super::resolve::Plan;
+use super::resolve::RawJob;
 use super::signal::Measured;
 use crate::failure::usage;
 use anyhow::{Context, Result};
@@ -11,16 +11,16 @@ use serde_json::Value;
 
 /// What was found or given: the time of each frame and the scale of a relative film.
 #[derive(Clone, Debug, PartialEq)]
-pub struct Settled {
+pub struct ExposureTimes {
     /// Exposure of each frame, s.
     pub exposure_s: Vec<f64>,
     /// W m⁻² nm⁻¹ of a unit of a relative film; 1 for others.
     pub scale: f64,
 }
 
-impl Plan {
+impl RawJob {
     /// Times and scale, from the flags and what was measured.
-    pub fn settle(&self, measured: Option<&Measured>) -> Result<Settled> {
+    pub fn exposure_times(&self, measured: Option<&Measured>) -> Result<ExposureTimes> {
         let mean_lux = measured.and_then(|m| m.mean_lux);
         let given = match (self.film_lux, mean_lux) {
             (Some(lux), Some(mean)) if mean > 0.0 => Some(lux / mean),
@@ -54,23 +54,23 @@ impl Plan {
             }
         };
         let exposure_s = times.iter().flat_map(|t| std::iter::repeat_n(*t, self.frames as usize)).collect();
-        Ok(Settled { exposure_s, scale })
+        Ok(ExposureTimes { exposure_s, scale })
     }
 
     /// As a raw that was created records them.
-    pub fn settled_of(&self, store: &RawStore) -> Result<Settled> {
+    pub fn recorded_times(&self, store: &RawStore) -> Result<ExposureTimes> {
         let scale = store.attributes().get("film_scale").and_then(Value::as_f64);
         let scale = scale.with_context(|| {
             format!("{}: no attribute film_scale; replace it with --overwrite", store.path().display())
         })?;
-        Ok(Settled { exposure_s: store.spec().exposure_s.clone(), scale })
+        Ok(ExposureTimes { exposure_s: store.spec().exposure_s.clone(), scale })
     }
 
     /// What frame `frame` is taken with.
-    pub fn frame(&self, settled: &Settled, frame: usize) -> Exposure {
+    pub fn frame(&self, times: &ExposureTimes, frame: usize) -> Exposure {
         Exposure {
-            seconds: settled.exposure_s[frame],
-            scale: settled.scale,
+            seconds: times.exposure_s[frame],
+            scale: times.scale,
             frame: frame as u32,
             ..self.exposure
         }

@@ -56,7 +56,7 @@ pub const MAX_TILES_AHEAD_PER_WORKER: usize = 3;
 ///
 /// The complete way, `pipeline/examples/film_of_a_chart.rs`:
 ///
-#[doc = concat!("```\n", include_str!("../../examples/film_of_a_chart.rs"), "```")]
+#[doc = concat!("```\n", include_str!("../examples/film_of_a_chart.rs"), "```")]
 ///
 /// # Errors
 /// The first [`RunError`] after which [`Progress::continue_after`] does not continue; shards committed before remain.

@@ -27,6 +27,7 @@
 
 pub mod emva;
 pub mod exposure;
+pub mod figures;
 mod lanes;
 pub mod noise;
 pub mod pixels;
@@ -36,11 +37,10 @@ pub mod spectrum;
 pub mod stream;
 mod variance;
 
-pub use exposure::{Exposure, NoiseSet, SignalHistogram};
+pub use exposure::{Exposure, SignalHistogram};
+pub use figures::{NoiseFigures, NoiseSet};
 pub use spectrum::Curve;
 pub use variance::NoiseVariance;
-
-use serde::{Deserialize, Serialize};
 
 /// Pixels of a row that are computed together.
 pub const LANES: usize = 128;
@@ -76,30 +76,6 @@ pub struct Pixel {
     pub dark_reference_c: f64,
     /// Rise of temperature that doubles the dark current, K.
     pub dark_doubling_k: f64,
-}
-
-/// Standard deviations of the noises, 0 where a description states none.
-#[derive(Clone, Copy, Debug, Default, PartialEq, Deserialize, Serialize)]
-#[serde(deny_unknown_fields, default)]
-pub struct NoiseFigures {
-    /// Read noise before the gain, e-.
-    pub read_noise_e: f64,
-    /// Reset noise, e-; 0 where the pixel has correlated double sampling.
-    pub reset_noise_e: f64,
-    /// Noise of the converter after the gain, rounding not included, DN.
-    pub adc_noise_dn: f64,
-    /// Dark signal non-uniformity over pixels, e-.
-    pub dsnu_e: f64,
-    /// Photo response non-uniformity over pixels, a ratio.
-    pub prnu: f64,
-    /// Non-uniformity of the dark current over pixels, a ratio.
-    pub dark_nonuniformity: f64,
-    /// Fixed offset of columns, e-.
-    pub column_offset_e: f64,
-    /// Fixed relative gain of columns.
-    pub column_gain: f64,
-    /// Offset of rows, new in every frame, e-.
-    pub row_noise_e: f64,
 }
 
 /// The converter.
@@ -211,7 +187,7 @@ impl Sensor {
 
     /// Ratio of saturation to the temporal noise of the dark at gain 1 and no exposure.
     pub fn dynamic_range(&self) -> f64 {
-        let noise_e = self.noise_variance(NoiseSet::ALL, 1.0, 0.0, 0.0).temporal_e2.sqrt();
+        let noise_e = self.noise_variance(NoiseSet::ALL, 1.0, 0.0, 0.0).temporal_e2().sqrt();
         self.saturation_e(1.0) / noise_e
     }
 
