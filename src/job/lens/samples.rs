@@ -49,8 +49,8 @@ pub struct FieldFigures {
     pub height_mm: f64,
     pub ideal_height_mm: f64,
     pub illumination: f64,
-    /// Solid angle of the bundle at the film relative to the axis; only of a design.
-    pub relative_solid_angle: Option<f64>,
+    /// Projected solid angle of the bundle at the film relative to the axis; only of a design.
+    pub relative_projected_solid_angle: Option<f64>,
     pub distortion_percent: f64,
     pub lateral_colour_um: f64,
     /// RMS radius: of the spot for a design, of the PSF inside its window for a pack.
@@ -59,6 +59,8 @@ pub struct FieldFigures {
     pub geo_um: Option<f64>,
     /// Strehl ratio; none if the pack's samples do not determine it.
     pub strehl: Option<f64>,
+    /// Working F-numbers along and across the meridian; only of a design.
+    pub f_numbers: Option<[f64; 2]>,
     /// Side of the PSF window.
     pub window_um: f64,
     /// Share of the light inside the window.
@@ -179,11 +181,12 @@ impl LensSamples {
             height_mm: r,
             ideal_height_mm: band.ideal_height_at(r),
             illumination: band.illumination_at(r),
-            relative_solid_angle: None,
+            relative_projected_solid_angle: None,
             distortion_percent: band.distortion_percent(r),
             lateral_colour_um: band.lateral_colour_um(&self.primary, r),
             rms_um: field.spot.map_or_else(|| field.psf.rms_um(), |s| s.rms_um),
             geo_um: field.spot.map(|s| s.geo_um),
+            f_numbers: None,
             strehl: field.spot.map_or_else(|| field.psf.strehl(band, r), |s| Some(s.strehl)),
             window_um: field.psf.size as f64 * field.psf.pitch_um,
             energy: field.psf.energy,
@@ -198,12 +201,14 @@ impl FieldFigures {
             "image_height_mm": self.height_mm,
             "ideal_height_mm": self.ideal_height_mm,
             "relative_illumination": self.illumination,
-            "relative_solid_angle": self.relative_solid_angle,
+            "relative_projected_solid_angle": self.relative_projected_solid_angle,
             "distortion_percent": self.distortion_percent,
             "lateral_colour_um": self.lateral_colour_um,
             "rms_um": self.rms_um,
             "geo_um": self.geo_um,
             "strehl": self.strehl,
+            "working_f_number_tangential": self.f_numbers.map(|f| f[0]),
+            "working_f_number_sagittal": self.f_numbers.map(|f| f[1]),
             "psf_window_um": self.window_um,
             "energy_in_window": self.energy,
         })
