@@ -5,6 +5,7 @@ mod commands;
 mod common;
 mod design_files;
 mod figures;
+mod opticstudio;
 mod runs;
 
 use common::{CommandResult, Picture, assert_exit, bits, files, lenscube, pixels, text};
