@@ -99,6 +99,7 @@ fn flags_of_tables_are_checked() {
 fn maximum_radius_of_a_spot_is_that_of_the_rim() {
     let lens = Path::new(env!("CARGO_MANIFEST_DIR")).join("tests/lens/opticstudio/simple.zmx");
     let shown = json(lenscube(&["lens", "show", text(&lens), "--json", "--tables", "first-order"]));
+    assert_eq!(shown["design"]["name"], "simple", "the name of the file of a design that has none");
     let field = &shown["fields"][0];
     assert!((field["geo_um"].as_f64().unwrap() - 2.041_609_942_697_864).abs() < 1e-9, "{field}");
     for key in ["working_f_number_tangential", "working_f_number_sagittal"] {
@@ -161,6 +162,14 @@ fn psf_of_a_field_point_is_rotated_normalised_and_integrated() {
     let share = |k: usize| if k == 0 || k == 4 { 0.5 } else { 1.0 };
     let sum: f64 = (0..25).map(|i| share(i / 5) * share(i % 5) * f[(28 + i / 5) * 61 + 28 + i % 5]).sum();
     assert!((p[7 * 15 + 7] / sum - 1.0).abs() < 0.1, "{} {sum}", p[7 * 15 + 7]);
+    // A pitch above the Nyquist pitch has the same values where both have samples; the Strehl ratio does not depend on it.
+    let (coarse, c) = psf("coarse.npy", &["--size", "13", "--pitch-um", "5", "--at", "14,0"]);
+    assert!((number(&coarse, "strehl") - number(&strehl, "strehl")).abs() < 1e-5, "{coarse}");
+    for i in 0..13 * 13 {
+        let (y, x) = (i / 13, i % 13);
+        let fine = 25.0 * a[(2 + 5 * y) * 65 + 2 + 5 * x];
+        assert!((c[i] - fine).abs() < 1e-4 * 25.0 * largest, "{y} {x}: {} {fine}", c[i]);
+    }
     // Sections and errors.
     let (out, sections) = (dir.path().join("out.csv"), dir.path().join("sections.csv"));
     let words = ["lens", "psf", "double-gauss-28", text(&out), "--size", "5", "--sections", text(&sections)];

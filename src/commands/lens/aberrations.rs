@@ -26,7 +26,7 @@ pub const MAX_PANELS: usize = 4;
 /// Film positions of the MTF through focus.
 const POSITIONS: i32 = 25;
 /// Radii of a curve of the encircled energy.
-const RADII: usize = 120;
+const RADII: usize = 240;
 
 const DIRECTIONS: Option<[&str; 2]> = Some(["tangential", "sagittal"]);
 

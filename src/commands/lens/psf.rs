@@ -97,26 +97,31 @@ fn compute(system: &System, nm: f64, args: &PsfArgs) -> Result<Psf> {
     let nyquist_um = function.nyquist_um();
     let pitch_um = args.pitch_um.unwrap_or(DEFAULT_PITCH * nyquist_um);
     let azimuth_rad = y.atan2(x);
-    let sampled = |half: usize, pitch_um: f64| {
-        PsfGrid::new(half, pitch_um).psf(&function, azimuth_rad, &mut PsfScratch::default())
+    let sampled = |half: usize, sample_um: f64| match 2 * half + 1 {
+        n if n > MAX_SAMPLES => Err(usage(format!(
+            "{} values of {pitch_um} µm a side need {n} samples of {sample_um:.3} µm, more than {MAX_SAMPLES}; give a smaller --size or \
+             --pitch-um",
+            args.size
+        ))),
+        _ => Ok(PsfGrid::new(half, sample_um).psf(&function, azimuth_rad, &mut PsfScratch::default())),
     };
-    let mut values = match args.integrate {
-        false => sampled(args.size / 2, pitch_um),
+    let fine_um = FINE * nyquist_um;
+    let mut values: Vec<f64> = match args.integrate {
+        false => {
+            // Samples are finer than Nyquist; of a coarser pitch those between are left out.
+            let step = (pitch_um / fine_um).ceil().max(1.0);
+            let (half, step) = (args.size / 2 * step as usize, step as usize);
+            let all = sampled(half, pitch_um / step as f64)?;
+            let side = |n: usize| (0..n).step_by(step);
+            let picked = side(2 * half + 1).flat_map(|y| side(2 * half + 1).map(move |x| (y, x)));
+            picked.map(|(y, x)| all[y * (2 * half + 1) + x] * (step * step) as f64).collect()
+        }
         true => {
-            let fine_um = FINE * nyquist_um;
             let half = (0.5 * pitch_um * args.size as f64 / fine_um).ceil() as usize + MARGIN;
-            if 2 * half + 1 > MAX_SAMPLES {
-                return Err(usage(format!(
-                    "--integrate over {} pixels of {pitch_um} µm needs {} samples of {fine_um:.3} µm a side, more than {MAX_SAMPLES}; give \
-                     a smaller --size or --pitch-um",
-                    args.size,
-                    2 * half + 1
-                )));
-            }
-            FilmPixels::new(2 * half + 1, fine_um, args.size, pitch_um).integrate(&sampled(half, fine_um))
+            FilmPixels::new(2 * half + 1, fine_um, args.size, pitch_um).integrate(&sampled(half, fine_um)?)
         }
     };
-    let strehl = sampled(1, pitch_um)[4] / function.ideal_peak(pitch_um);
+    let strehl = sampled(1, fine_um)?[4] / function.ideal_peak(fine_um);
     let energy: f64 = values.iter().sum();
     let scale = match args.normalise {
         Normalise::Light => 1.0,

@@ -15,6 +15,7 @@ use pipeline::design::{DesignError, System};
 use pipeline::figures::PsfWindow;
 use pipeline::lens::{Lens, LensBand};
 use serde_json::{Value, json};
+use std::path::Path;
 
 /// Lens pack or design.
 pub enum LensData {
@@ -88,7 +89,13 @@ impl LensData {
     /// Opens the lens `name`; design flags are an error for a pack.
     pub fn open(name: &str, args: &DesignArgs) -> Result<Self> {
         if design::is_design(name) {
-            let system = design::open(name, args)?;
+            let mut system = design::open(name, args)?;
+            // A design without a name has that of its file in titles.
+            if system.name.trim().is_empty() {
+                system.name = Path::new(name)
+                    .file_stem()
+                    .map_or_else(String::new, |s| s.to_string_lossy().into_owned());
+            }
             let description = describe(&system).with_context(|| format!("design {name}"))?;
             return Ok(Self::Design(Box::new(system), Box::new(description)));
         }
@@ -121,7 +128,10 @@ impl LensData {
     pub fn wavelengths_nm(&self) -> Vec<f64> {
         let mut nm: Vec<f64> = match self {
             Self::Pack(pack) => pack.lens().bands.iter().map(|b| b.wavelength_nm).collect(),
-            Self::Design(system, _) => system.wavelengths_um.iter().map(|(um, _)| um * 1e3).collect(),
+            // Without the digits of rounding: 486.1, not 486.09999999999997.
+            Self::Design(system, _) => {
+                system.wavelengths_um.iter().map(|(um, _)| (um * 1e9).round() / 1e6).collect()
+            }
         };
         nm.sort_by(f64::total_cmp);
         nm.dedup();
