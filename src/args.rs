@@ -49,7 +49,10 @@ pub use develop::{DevelopArgs, DevelopStyle, ToneArg};
 pub use device::{Device, DeviceArgs, DeviceCommand, EngineArg};
 pub use export::{ExportArgs, ExportFormatArg};
 pub use import::ImportArgs;
-pub use lens::{ConvertArgs, DiffArgs, LensArgs, LensCommand, ListArgs, ShowArgs, Store, TraceArgs};
+pub use lens::{
+    ConvertArgs, DiffArgs, LensArgs, LensCommand, ListArgs, Normalise, PsfArgs, ShowArgs, Store, TableName,
+    TraceArgs,
+};
 pub use light::LightArgs;
 pub use manual::{CompletionsArgs, HelpArgs, ManArgs};
 pub use measure::MeasureArgs;

@@ -45,6 +45,11 @@ pub(super) fn pair(text: &str) -> Result<(f64, f64), String> {
     pair_within(bounds::AXIS_PX, text)
 }
 
+/// A position on the film, mm from the axis.
+pub(super) fn film_point(text: &str) -> Result<(f64, f64), String> {
+    pair_within(bounds::FILM_POINT_MM, text)
+}
+
 /// A position on the ideal image plane, mm.
 pub(super) fn pair_mm(text: &str) -> Result<(f64, f64), String> {
     pair_within(bounds::CENTER_MM, text)

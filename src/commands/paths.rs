@@ -117,8 +117,12 @@ fn of_lens(command: &LensCommand) -> Guard {
     match command {
         LensCommand::Show(args) => {
             let guard = design(guard.reads_lens(&args.lens), &args.design);
-            in_directory(guard, "--plot", args.plot.as_deref(), lens::plots::all_files())
+            let guard = in_directory(guard, "--plot", args.plot.as_deref(), lens::plots::all_files());
+            in_directory(guard, "--csv", args.csv.as_deref(), lens::tables::all_files())
         }
+        LensCommand::Psf(args) => design(guard.reads_lens(&args.design), &args.parameters)
+            .may_write("OUT", args.out.as_ref())
+            .may_write("--sections", args.sections.as_ref()),
         LensCommand::Trace(args) => {
             design(guard.reads_lens(&args.design), &args.parameters).writes("OUT.lens.zarr", &args.out)
         }

@@ -2,10 +2,6 @@
 
 use super::*;
 
-fn json(ran: CommandResult) -> Value {
-    serde_json::from_str(&ran.ok().stdout).unwrap()
-}
-
 #[test]
 fn traced_pack_has_requested_bands_and_heights_and_is_not_overwritten() {
     let dir = tempfile::tempdir().unwrap();

@@ -5,6 +5,8 @@ mod commands;
 #[path = "../common/mod.rs"]
 mod common;
 mod design_files;
+mod figures;
+mod opticstudio;
 mod runs;
 
 use common::{
@@ -21,6 +23,11 @@ const FAILED: i32 = 1;
 const USAGE: i32 = 2;
 const OTHER_JOB: i32 = 3;
 const DESIGN: &str = include_str!("../../formats/data/lenses/double-gauss-28.zmx");
+
+/// What a command prints, as JSON.
+fn json(ran: CommandResult) -> Value {
+    serde_json::from_str(&ran.ok().stdout).unwrap()
+}
 
 /// `lens trace DESIGN OUT` of two bands and three heights to 3 mm: a second of work.
 fn trace(design: &str, out: &Path, flags: &[&str]) -> CommandResult {

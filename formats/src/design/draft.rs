@@ -11,6 +11,7 @@ use super::straight_axis::{Break, straighten};
 use pipeline::design::glass::Glass;
 use pipeline::design::shape::Shape;
 use pipeline::design::system::{Aperture, FieldKind, Medium, RayAiming, Surface, System};
+use pipeline::real;
 
 /// Object distances from here on count as infinite, mm.
 pub(super) const INFINITE_MM: f64 = 1e9;
@@ -20,6 +21,17 @@ const VIGNETTING_SLACK: f64 = 1e-6;
 
 /// Maximum number of surfaces; readers stop there.
 pub(super) const MAX_SURFACES: usize = 1000;
+
+/// Radial field of a point with components along x and y: of angles, which are projected (tan θ_x = L/N), atan √(tan² θ_x + tan² θ_y) in degrees.
+pub(super) fn radial_field(kind: Option<FieldKind>, x: f64, y: f64) -> f64 {
+    let is_angle = matches!(kind, None | Some(FieldKind::Angle));
+    // On a meridian the number of the file, without rounding.
+    if !is_angle || x == 0.0 || y == 0.0 {
+        return real::hypot(x, y);
+    }
+    let tan = |degrees: f64| real::tan(degrees.to_radians());
+    real::atan(real::hypot(tan(x), tan(y))).to_degrees()
+}
 
 /// A surface, and the gap behind it.
 #[derive(Clone, Debug, Default)]

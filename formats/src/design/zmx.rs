@@ -17,7 +17,7 @@ mod line;
 mod surface;
 mod write;
 
-use super::draft::{Draft, MAX_SURFACES};
+use super::draft::{Draft, MAX_SURFACES, radial_field};
 use super::error::LensFileError;
 use super::options::ReadOptions;
 use super::text::decode;
@@ -287,7 +287,7 @@ impl Reader {
             Some(_) => self.scale,
         };
         let at = |v: &[f64], i: usize| v.get(i).copied().unwrap_or(0.0);
-        let radius = |i| unit * real::hypot(at(&self.x, i), at(&self.y, i));
+        let radius = |i| unit * radial_field(draft.field_kind, at(&self.x, i), at(&self.y, i));
         draft.fields = (0..self.field_count.max(1)).map(radius).collect();
         if draft.aiming.is_none() {
             draft.notes.push("no ray aiming given: rays are aimed at the paraxial entrance pupil".to_owned());

@@ -65,7 +65,7 @@ impl Clip {
         Self { over: (f64::NEG_INFINITY, 0), hidden: (f64::INFINITY, 0) };
 
     /// Whether the ray reaches the image: no aperture and no obscuration blocks it.
-    fn passes(&self) -> bool {
+    pub(in crate::design) fn passes(&self) -> bool {
         self.over.0 <= 0.0 && self.hidden.0 > 0.0
     }
 
@@ -95,6 +95,11 @@ pub struct ImageRay {
 }
 
 impl ImageRay {
+    /// Index of the medium in front of the film.
+    pub fn index(&self) -> f64 {
+        (self.l.v * self.l.v + self.m.v * self.m.v + self.n * self.n).sqrt()
+    }
+
     /// |d(L, M)/d(p, q)|.
     pub fn solid_angle(&self) -> f64 {
         (self.l.d[0] * self.m.d[1] - self.l.d[1] * self.m.d[0]).abs()
@@ -317,21 +322,35 @@ impl<'a> Tracer<'a> {
     /// [`DesignError::Ray`] if it does not reach the image.
     pub fn path(&self, tan: f64, p: f64, before_mm: f64) -> Result<Vec<(f64, f64)>, DesignError> {
         let [x, _] = self.aim(tan, p, 0.0)?;
-        let mut ray = self.launch(tan, x.v, 0.0);
+        let ray = self.launch(tan, x.v, 0.0);
         let slope = ray.d[0] / ray.d[2];
-        let mut path = vec![(-before_mm, ray.p[0] - slope * (ray.p[2] + before_mm))];
+        let first = (-before_mm, ray.p[0] - slope * (ray.p[2] + before_mm));
+        let points = self.meridional_ray(tan, p)?;
+        Ok(std::iter::once(first).chain(points.iter().map(|[z, x, _]| (*z, *x))).collect())
+    }
+
+    /// The meridional ray through pupil height `p` at each surface: z from the first vertex, x, both in mm, and the sine of its angle to the axis
+    /// before the surface.
+    ///
+    /// # Errors
+    /// [`DesignError::Ray`] if it does not reach the image.
+    pub fn meridional_ray(&self, tan: f64, p: f64) -> Result<Vec<[f64; 3]>, DesignError> {
+        let [x, _] = self.aim(tan, p, 0.0)?;
+        let mut ray = self.launch(tan, x.v, 0.0);
         let axis = self.system.axis();
+        let mut points = Vec::with_capacity(axis.len());
         for (i, s) in self.system.surfaces.iter().enumerate() {
             let (vertex, direction) = axis[i];
             let lost = |why| self.lost(tan, p, 0.0, Lost { surface: i, why });
+            let sine = ray.d[0];
             s.shape.meet(&mut ray, self.indices[i]).map_err(lost)?;
-            path.push((vertex + direction * ray.p[2], ray.p[0]));
+            points.push([vertex + direction * ray.p[2], ray.p[0], sine]);
             if i < self.system.image() {
                 self.bend(i, &mut ray).map_err(lost)?;
                 ray.p[2] -= s.thickness_mm;
             }
         }
-        Ok(path)
+        Ok(points)
     }
 
     /// Maximum overshoot of an aperture by the ray through (p, q), and its surface: (r²/a² − 1, surface). A ray that does not reach the
