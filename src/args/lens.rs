@@ -4,7 +4,7 @@ use super::camera::CameraArgs;
 use super::choices::{STYLE, one_of};
 use super::design::{DESIGN_FILES, Depths, DesignArgs, depths, focus_m};
 use super::import::ImportArgs;
-use super::values::{bounded, pitch, positive, share, window_px};
+use super::values::{bounded, figures, pitch, positive, share, window_px};
 use clap::{Args, Subcommand, ValueEnum};
 use formats::design::{endings_written, names_read, names_written};
 use formats::picture::style::Style;
@@ -56,7 +56,7 @@ pub struct ListArgs {
     #[arg(long)]
     pub json: bool,
     /// Write a cross-section of each lens with rays into this directory: NAME.svg and NAME.png
-    #[arg(long, value_name = "DIR")]
+    #[arg(long, value_name = "DIR", value_parser = figures())]
     pub plot: Option<PathBuf>,
     /// Replace existing figures
     #[arg(long, requires = "plot")]
@@ -104,7 +104,7 @@ pub struct ShowArgs {
     pub json: bool,
     /// Write figures (SVG and PNG) into this directory: RI, distortion, lateral colour, MTF, PSFs, encircled energy, nodes; of a design
     /// also spots, ray and OPD fans, field curvature, MTF through focus, cross-section
-    #[arg(long, value_name = "DIR")]
+    #[arg(long, value_name = "DIR", value_parser = figures())]
     pub plot: Option<PathBuf>,
     /// Replace existing figures
     #[arg(long, requires = "plot")]

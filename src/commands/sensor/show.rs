@@ -3,7 +3,7 @@
 use super::open::open_sensor;
 use crate::args::{SensorShowArgs, check_directory};
 use crate::outputs::check_absent_in;
-use crate::progress::{log_line, print};
+use crate::progress::{log_line, number, print};
 use anyhow::{Context, Result};
 use formats::picture::plot::{Axis, Plot, Series, stacked};
 use formats::picture::style::Colour;
@@ -76,10 +76,10 @@ fn figures(file: &SensorFile, s: &Sensor) -> Vec<String> {
         format!(
             "  fixed patterns    DSNU {} e-, PRNU {} %, dark current {} %, columns {} e- and {} %",
             n.dsnu_e,
-            100.0 * n.prnu,
-            100.0 * n.dark_nonuniformity,
+            number(100.0 * n.prnu),
+            number(100.0 * n.dark_nonuniformity),
             n.column_offset_e,
-            100.0 * n.column_gain
+            number(100.0 * n.column_gain)
         ),
         format!("  dynamic range     {:.1} dB", 20.0 * s.dynamic_range().log10()),
     ];
