@@ -1,15 +1,16 @@
 //! Opens a lens design: a built-in one by name, or a file; its coatings.
 
+mod bytes;
 mod coatings;
 
 use crate::args::{DesignArgs, ImagePlaneArg};
 use crate::failure::usage;
 use anyhow::{Context, Result, bail};
+use bytes::read_bytes;
 use coatings::DesignCoatings;
 pub use coatings::note_on_ideal;
 use formats::design::builtin::{self, BuiltinLens};
 use formats::design::{LensFile, LensFileError, ReadOptions, agf, is_lens_file};
-use formats::durable::read_file_at_most;
 use pipeline::design::crossing::crossings;
 use pipeline::design::glass_library::GlassLibrary;
 use pipeline::design::system::{ImagePlane, System};
@@ -32,9 +33,6 @@ pub fn is_builtin(name: &str) -> bool {
 pub fn is_design(name: &str) -> bool {
     is_builtin(name) || is_lens_file(Path::new(name))
 }
-
-/// Maximum size of a design or glass catalogue; a lens of a thousand surfaces has less than 1 MB.
-const MAX_BYTES: u64 = 64 << 20;
 
 /// The file of a design, and its BLAKE3 digest when it was read.
 pub struct DesignFile {
@@ -94,17 +92,6 @@ pub fn open_file(name: &str, args: &DesignArgs) -> Result<(System, Option<Design
     let mut system = system.with_context(|| format!("design {name}"))?;
     system.notes.extend(crossings(&system));
     Ok((system, file))
-}
-
-/// Reads a file of at most [`MAX_BYTES`].
-fn read_bytes(path: &Path) -> Result<Vec<u8>> {
-    let reading = || format!("reading {}", path.display());
-    read_file_at_most(path, MAX_BYTES).with_context(reading)?.with_context(|| {
-        format!(
-            "{} is larger than {MAX_BYTES} bytes, so it is not a design or glass catalogue",
-            path.display()
-        )
-    })
 }
 
 fn read_design(name: &str, args: &DesignArgs) -> Result<(System, Option<DesignFile>, DesignCoatings)> {

@@ -391,6 +391,11 @@ pub fn short_number(v: f64) -> String {
     text.trim_end_matches('0').trim_end_matches('.').to_owned()
 }
 
+/// Number with at most twelve significant digits, without the digits of rounding: 550.3 for 550.3000000000001.
+pub fn number(v: f64) -> f64 {
+    format!("{v:.11e}").parse().unwrap_or(v)
+}
+
 /// Bytes in MiB, rounded up, for messages.
 pub fn mib(bytes: usize) -> String {
     format!("{}MiB", bytes.div_ceil(1 << 20))
@@ -405,5 +410,17 @@ pub fn print_first(lines: impl Iterator<Item = String>) {
     lines.iter().take(NAMED).for_each(print);
     if lines.len() > NAMED {
         print(format!("and {} more; --json names all", lines.len() - NAMED));
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn digits_of_rounding_are_not_printed() {
+        let wavelength = 550.1 + 2.0 * 0.1;
+        assert_eq!((wavelength.to_string().len(), number(wavelength).to_string()), (17, "550.3".to_owned()));
+        assert_eq!([100.0 * 0.007, 0.0, -1e-9, 1e300].map(number), [0.7, 0.0, -1e-9, 1e300]);
     }
 }

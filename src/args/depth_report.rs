@@ -4,7 +4,7 @@ use super::choices::{OUTSIDE, STYLE, one_of};
 use super::depth::DepthArgs;
 use super::placement::PlacementArgs;
 use super::tracing::TracingArgs;
-use super::values::{bytes, threads};
+use super::values::{bytes, figure, threads};
 use clap::Args;
 use formats::picture::style::Style;
 use pipeline::field::Outside;
@@ -42,7 +42,7 @@ pub struct DepthReportArgs {
     #[arg(long)]
     pub json: bool,
     /// Draw depth, blur radius, and slabs of each tile into this file: .png or .svg
-    #[arg(long, value_name = "FILE")]
+    #[arg(long, value_name = "FILE", value_parser = figure())]
     pub plot: Option<PathBuf>,
     /// Replace an existing figure
     #[arg(long, requires = "plot")]

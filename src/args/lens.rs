@@ -5,7 +5,7 @@ use super::choices::{STYLE, one_of};
 use super::design::{DESIGN_FILES, Depths, DesignArgs, depths, focus_m};
 use super::import::ImportArgs;
 use super::light::LightArgs;
-use super::values::{bounded, film_point, pitch, positive, share, window_px};
+use super::values::{bounded, figures, film_point, pitch, positive, share, window_px};
 use clap::{Args, Subcommand, ValueEnum};
 use formats::design::{endings_written, names_read, names_written};
 use formats::picture::style::Style;
@@ -62,7 +62,7 @@ pub struct ListArgs {
     #[arg(long)]
     pub json: bool,
     /// Write a cross-section of each lens with rays into this directory: NAME.svg and NAME.png
-    #[arg(long, value_name = "DIR")]
+    #[arg(long, value_name = "DIR", value_parser = figures())]
     pub plot: Option<PathBuf>,
     /// Replace existing figures
     #[arg(long, requires = "plot")]
@@ -113,7 +113,7 @@ pub struct ShowArgs {
     pub csv: Option<PathBuf>,
     /// Write figures (SVG and PNG) into this directory: RI, distortion, lateral colour, MTF, PSFs, encircled energy, nodes; of a design
     /// also spots, ray and OPD fans, field curvature, MTF through focus, cross-section
-    #[arg(long, value_name = "DIR")]
+    #[arg(long, value_name = "DIR", value_parser = figures())]
     pub plot: Option<PathBuf>,
     /// Replace existing figures and tables
     #[arg(long)]

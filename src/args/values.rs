@@ -1,7 +1,9 @@
 //! Parsers of argument values.
 
+use clap::builder::{PathBufValueParser, TypedValueParser};
 use pipeline::bounds::{self, Bound};
 use pipeline::geometry::{Rect, Size};
+use std::path::{Path, PathBuf};
 
 pub(super) fn number(text: &str) -> Result<f64, String> {
     match text.trim().parse::<f64>() {
@@ -151,6 +153,31 @@ pub(super) fn shard_rows(text: &str) -> Result<usize, String> {
         Ok(n) if n > 0 => Ok(n),
         _ => Err("expected a number of shard rows, 1 or more".into()),
     }
+}
+
+/// Endings of files of figures.
+const FIGURES: [&str; 2] = ["png", "svg"];
+/// Endings of files that are no directory of figures.
+const FILES: [&str; 9] = ["png", "svg", "pdf", "eps", "jpg", "jpeg", "tif", "npy", "csv"];
+
+fn ending(path: &Path) -> String {
+    path.extension().map_or_else(String::new, |e| e.to_string_lossy().to_ascii_lowercase())
+}
+
+/// The file of a figure, .png or .svg.
+pub(super) fn figure() -> impl TypedValueParser<Value = PathBuf> {
+    PathBufValueParser::new().try_map(|path| match FIGURES.contains(&&*ending(&path)) {
+        true => Ok(path),
+        false => Err("expected a name ending with .png or .svg (other programs convert .svg to .pdf)"),
+    })
+}
+
+/// The directory of figures.
+pub(super) fn figures() -> impl TypedValueParser<Value = PathBuf> {
+    PathBufValueParser::new().try_map(|path| match FILES.contains(&&*ending(&path)) && !path.is_dir() {
+        true => Err("expected a directory, in which figures are written as .svg and .png"),
+        false => Ok(path),
+    })
 }
 
 /// `1GiB`, `512MiB`, `4G`: binary units with i, decimal without.

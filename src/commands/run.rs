@@ -39,8 +39,8 @@ use crate::open;
 use crate::outputs::Guard;
 use crate::progress::interrupt;
 use crate::progress::jsonl::Jsonl;
-use crate::progress::mib;
 use crate::progress::{Bars, detail_line, json_path, log_line, plural, report_kept, resume_note};
+use crate::progress::{mib, number};
 use anyhow::{Context, Result};
 use clap::ArgMatches;
 use display::Display;
@@ -335,7 +335,7 @@ fn display<'a>(task: &Task<'a>, job: &'a Job, tiles: &[(u64, u64)]) -> Display<'
     match task.jsonl {
         Some(jsonl) => Display::Lines { jsonl, job, store: task.store },
         None => {
-            let names = job.plans.iter().map(|p| format!("{} nm", p.lens.wavelength_nm)).collect();
+            let names = job.plans.iter().map(|p| format!("{} nm", number(p.lens.wavelength_nm))).collect();
             let pixels: Vec<u64> = tiles.iter().map(|t| t.1).collect();
             Display::Bars(Bars::new(names, &pixels, task.progress))
         }

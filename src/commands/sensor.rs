@@ -69,7 +69,14 @@ pub fn expose(args: &ExposeArgs) -> Result<u8> {
     let (Some(film), Some(out)) = (&args.film, &args.raw) else {
         return Err(usage("expected FILM and RAW; see `lenscube sensor --help`"));
     };
-    match picture::format_of(out)? {
+    let format = picture::format_of(out)?;
+    if args.keep_dn && !matches!(format, Some(picture::FileFormat::Tiff | picture::FileFormat::Png)) {
+        return Err(usage(format!(
+            "--keep-dn is for .tif and .png; {} has digital numbers in any case",
+            out.display()
+        )));
+    }
+    match format {
         Some(format) => picture::command(args, film, (out, format)),
         None => raw::expose(args, &RawJob::new(args, film)?, out),
     }

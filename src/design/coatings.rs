@@ -1,6 +1,6 @@
 //! Coatings of a design: `--coatings`.
 
-use super::read_bytes;
+use super::bytes::read_bytes;
 use crate::args::CoatingsArg;
 use anyhow::{Context, Result};
 use formats::design::coatings::{self, CoatingFile, dat, mgf2, toml};

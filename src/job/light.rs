@@ -3,6 +3,7 @@
 use crate::args::RunArgs;
 use crate::failure::{line, usage};
 use crate::job::lens::UntracedLens;
+use crate::progress::number;
 use anyhow::Result;
 use pipeline::band::BandPlan;
 use pipeline::design::trace::{LensTrace, TraceOptions};
@@ -32,7 +33,7 @@ pub fn check(args: &RunArgs, bands: &[BandPlan]) -> Result<()> {
                 });
             return Err(usage(format!(
                 "at {} nm the PSF windows of the lens hold only {:.1} % of the light (mean over heights); {cause}",
-                plan.lens.wavelength_nm,
+                number(plan.lens.wavelength_nm),
                 100.0 * mean
             )));
         }

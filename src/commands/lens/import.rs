@@ -2,7 +2,7 @@
 
 use crate::args::{ImportArgs, band_indices, check_directory};
 use crate::failure::{other_job, usage};
-use crate::progress::{log_line, plural};
+use crate::progress::{log_line, number, plural};
 use anyhow::{Context, Result};
 use formats::durable::{AtomicFile, create_directories, finish_together};
 use formats::import::{ImportError, ImportOptions, TEMPLATE};
@@ -37,7 +37,7 @@ pub fn command(args: &ImportArgs) -> Result<()> {
     formats::import::write(out, imported, |b, stack| {
         log_line(format!(
             "{} nm: image heights up to {:.3} mm, {} PSFs, {} samples a side at {} µm pitch",
-            nm[b],
+            number(nm[b]),
             heights[b],
             stack.heights(),
             stack.size,

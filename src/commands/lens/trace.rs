@@ -9,7 +9,7 @@ use crate::design;
 use crate::failure::{other_job, usage};
 use crate::job::lens::attributes::attributes;
 use crate::job::lens::energy::{MissedEnergy, percent};
-use crate::progress::{TracingBar, detail_line, log_line, plural};
+use crate::progress::{TracingBar, detail_line, log_line, number, plural};
 use anyhow::{Context, Result};
 use estimate::{Needed, estimate};
 use formats::design::builtin::SAMPLE;
@@ -63,7 +63,7 @@ pub fn command(args: &TraceArgs) -> Result<()> {
     let mut reports: Vec<BandReport> = Vec::new();
     let mut progress = |p: Progress| {
         bar.set_bands(p.band);
-        bar.step(format!("{} nm: {} ({} PSFs)", options.wavelengths_nm[p.band], p.step, p.psfs));
+        bar.step(format!("{} nm: {} ({} PSFs)", number(options.wavelengths_nm[p.band]), p.step, p.psfs));
     };
     let result = write_beside(pack, stored, |write| {
         trace_lens(&system, &options, &mut progress, |index, band| {
@@ -98,7 +98,7 @@ fn band_line(TracedBand { tables, report, .. }: &TracedBand) -> String {
     });
     format!(
         "{} nm: window {} px with at least {:.2} % of the light, {} heights, {nodes} nodes, kernel error {error}",
-        report.wavelength_nm,
+        number(report.wavelength_nm),
         report.window_px,
         100.0 * report.min_energy,
         tables.psf_height_mm.len(),

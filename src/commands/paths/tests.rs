@@ -24,7 +24,7 @@ const LINES: &[&str] = &[
     "lens convert design out.zmx --glass-catalog=glass_catalog --coatings=coatings.toml | out.zmx",
     "lens import source out | out",
     "lens import --template=template | template",
-    "depth scene --lens=lens --glass-catalog=glass_catalog --depth=depth --hidden=hidden --plot=plot --coatings=coatings.toml | plot",
+    "depth scene --lens=lens --glass-catalog=glass_catalog --depth=depth --hidden=hidden --plot=plot.png --coatings=coatings.toml | plot.png",
     "run chart film --lens=lens --glass-catalog=glass_catalog --depth=depth --hidden=hidden --coatings=coatings.toml | film",
     "sensor film raw --sensor=sensor --exposure=1s | raw",
     "sensor show sensor --plot=plot | plot",
@@ -36,7 +36,7 @@ const LINES: &[&str] = &[
     "export film out.npy | out.npy",
     "validate --lens=lens --against=against --timing=timing --out=out | out",
     "measure film --points=1,1 --csv=csv --json=json | csv json",
-    "measure film --profile=1,1,5,5 --plot=plot | plot",
+    "measure film --profile=1,1,5,5 --plot=plot.png | plot.png",
     "man dir | dir",
 ];
 

@@ -9,7 +9,7 @@ use super::tracing::BandTracer;
 use super::tracing_job::{TracedFor, TracingJob};
 use crate::failure::usage;
 use crate::job::lens::cache;
-use crate::progress::{detail_line, log_line};
+use crate::progress::{detail_line, log_line, number};
 use anyhow::Result;
 use formats::durable::free_bytes;
 use formats::lens::{LensPack, PackAttributes};
@@ -110,7 +110,7 @@ impl BandTracer<'_> {
             return Ok(placement);
         }
         self.announce();
-        self.bar.step(format!("{} nm: placing depth nodes", options.wavelengths_nm[0]));
+        self.bar.step(format!("{} nm: placing depth nodes", number(options.wavelengths_nm[0])));
         let place = || nodes(self.job.system, options, 0, &depth.options);
         let placement = with_threads(self.threads, place)?;
         self.cache.insert_nodes(&recipe, &placement)?;

@@ -7,7 +7,7 @@ use crate::job::lens::attributes::attributes;
 use crate::job::lens::depth_nodes::needed;
 use crate::job::lens::energy::{MissedEnergy, percent};
 use crate::progress::short_number;
-use crate::progress::{TracingBar, detail_line, log_line, plural};
+use crate::progress::{TracingBar, detail_line, log_line, number, plural};
 use anyhow::{Context, Result};
 use pipeline::design::System;
 use pipeline::design::depth::estimate::{estimate, range_that_fits};
@@ -41,7 +41,7 @@ pub fn trace(
     let mut pack = create_pack(&args.out)?;
     let bar = TracingBar::new(options.wavelengths_nm.len());
     let mut reports = Vec::new();
-    for (index, nm) in options.wavelengths_nm.iter().enumerate() {
+    for (index, nm) in options.wavelengths_nm.iter().copied().map(number).enumerate() {
         let mut progress = |p: Progress| {
             bar.set_bands(p.band);
             bar.step(format!("{nm} nm: {}", p.step));
@@ -74,7 +74,12 @@ pub fn trace(
             let window_px = n.psf_size as f64 * n.psf_pitch_um / options.film_pitch_um;
             MissedEnergy::new(options, least, window_px.round() as usize)
         };
-        nodes.nodes.iter().filter_map(of_node).map(|missed| (missed, band.wavelength_nm)).collect::<Vec<_>>()
+        nodes
+            .nodes
+            .iter()
+            .filter_map(of_node)
+            .map(|missed| (missed, number(band.wavelength_nm)))
+            .collect::<Vec<_>>()
     };
     let missed = std::iter::zip(&reports, &head.bands).flat_map(of_band);
     if let Some((missed, nm)) = missed.min_by(|a, b| a.0.least.total_cmp(&b.0.least)) {
