@@ -180,7 +180,7 @@ impl PsfWindow {
     }
 }
 
-/// Modulation of the weighted sum of PSFs of several wavelengths: weight, place of the chief ray along the meridian [µm], PSF. Tangential
+/// Modulation of the weighted sum of PSFs of several wavelengths: weight, place of the chief ray along the meridian in µm, PSF. Tangential
 /// patterns are blurred by lateral colour.
 pub fn polychromatic_mtf(psfs: &[(f64, f64, &PsfWindow)], lp_mm: f64, direction: Direction) -> f64 {
     let (mut re, mut im, mut total) = (0.0, 0.0, 0.0);

@@ -187,3 +187,16 @@ fn psf_of_a_field_point_is_rotated_normalised_and_integrated() {
     assert_exit(&lenscube(&["lens", "psf", "double-gauss-28-npz"]), USAGE, &["not a design"]);
     assert_exit(&lenscube(&["lens", "psf", "double-gauss-28", "--at", "0,400"]), FAILED, &["400"]);
 }
+
+/// Third order of the real wavefront of a catadioptric lens, from its Fringe coefficients: 6 Z9 − 30 Z16 + 90 Z25 − 210 Z36 + 420 Z37.
+#[test]
+fn seidel_sum_of_a_mirror_lens_is_the_third_order_of_its_wavefront() {
+    let flags = ["--json", "--heights", "0,1", "--wavelengths", "587.6", "--tables", "seidel,zernike-fringe"];
+    let shown = json(lenscube(&[&["lens", "show", "mirror-500"], &flags[..]].concat()));
+    let total = shown["seidel"].as_array().unwrap().last().unwrap()["w040_waves"].as_f64().unwrap();
+    let fringe = |j: usize| shown["zernike_fringe"][j - 1]["coefficient_waves"].as_f64().unwrap();
+    let real =
+        6.0 * fringe(9) - 30.0 * fringe(16) + 90.0 * fringe(25) - 210.0 * fringe(36) + 420.0 * fringe(37);
+    let um = shown["design"]["primary_wavelength_nm"].as_f64().unwrap() / 587.6;
+    assert!((real / (um * total) - 1.0).abs() < 0.02, "{real} {total}");
+}

@@ -1,7 +1,7 @@
 //! The PSF of one field point of a design, in a window chosen by its light.
 //!
-//! Samples are at 0.9 of the Nyquist pitch; the window is the smallest square for [`ENERGY`] of the light, estimated from rays and diffraction at the edge
-//! of the pupil ([`super::super::bundle`]), within [`HALF`]. [`crate::figures`] has its MTF and encircled energy.
+//! Samples are at 0.9 of the Nyquist pitch; the window is the smallest square for 99.8 % of the light, estimated from rays and diffraction at the edge
+//! of the pupil ([`crate::design::bundle`]), of 129 to 1025 samples a side. [`crate::figures`] has its MTF and encircled energy.
 
 use super::{PsfGrid, PsfScratch, PupilFunction};
 use crate::design::prescription::error::DesignError;
