@@ -12,11 +12,11 @@
 
 mod derived;
 mod error;
+mod kind;
 mod output;
 mod removal;
 mod verify;
 
-use std::fmt;
 use std::path::{Path, PathBuf};
 
 use bytes::Bytes;
@@ -27,6 +27,7 @@ use crate::hierarchy::NewGroup;
 
 pub(crate) use derived::{Derived, OME, PYRAMID_GROUP, metadata_key};
 pub use error::{Found, GroupError};
+pub use kind::GroupKind;
 pub use output::Output;
 pub(crate) use removal::ENGINE_EXTENSION;
 pub(crate) use verify::ShardFile;
@@ -35,42 +36,6 @@ pub use verify::{Finding, VerifyReport};
 /// Directory of records, locks and marks of engines.
 const RUNS: &str = "runs";
 const MAX_METADATA_BYTES: u64 = 64 << 20;
-
-/// Kind of a group.
-#[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub enum GroupKind {
-    /// The image that a lens forms on the sensor plane.
-    Film,
-    /// The digital numbers of a sensor.
-    Raw,
-}
-
-impl GroupKind {
-    /// Attribute `schema`.
-    pub const fn schema(self) -> &'static str {
-        match self {
-            Self::Film => "lenscube/film/1",
-            Self::Raw => "lenscube/raw/1",
-        }
-    }
-
-    /// The command that makes such groups.
-    const fn command(self) -> &'static str {
-        match self {
-            Self::Film => "run",
-            Self::Raw => "sensor",
-        }
-    }
-}
-
-impl fmt::Display for GroupKind {
-    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
-        f.write_str(match self {
-            Self::Film => "film",
-            Self::Raw => "raw",
-        })
-    }
-}
 
 /// An open film or raw.
 #[derive(Debug)]

@@ -40,6 +40,7 @@ pub mod window;
 mod write;
 
 pub use error::ImportError;
+use options::MAX_COUNT;
 pub use options::{Format, ImportOptions};
 pub use template::TEMPLATE;
 pub use write::{Imported, write};
@@ -50,8 +51,6 @@ use std::path::Path;
 const MAX_ARRAY_BYTES: u64 = 1 << 30;
 /// Maximum bytes of a text file: a listing of 4096 × 4096 samples has 200 MB.
 const MAX_TEXT_BYTES: u64 = 1 << 28;
-/// Maximum number of wavelengths, and of heights.
-const MAX_COUNT: usize = 4096;
 /// Maximum side of a window, samples.
 const MAX_SIDE: usize = 4096;
 

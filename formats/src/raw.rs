@@ -16,14 +16,11 @@ use pipeline::geometry::Rect;
 use serde_json::{Map, Value};
 
 pub use mosaic::{Period, halve_mosaic, mosaic_below};
-pub use spec::RawSpec;
+pub use spec::{RawShard, RawSpec, SIGNAL};
 
 use crate::group::{GroupError, GroupKind, JobGroup, ShardFile, VerifyReport};
 use crate::parallel::Progress;
 use crate::shard::{Codec, SampleType, ShardEncoder, ShardError};
-
-/// The array of the kept signal.
-pub const SIGNAL: &str = "signal";
 
 /// A raw on disk. Shards are encoded and committed on any number of threads.
 #[derive(Debug)]
@@ -33,17 +30,6 @@ pub struct RawStore {
     attributes: Map<String, Value>,
     counts: ShardEncoder,
     signal: ShardEncoder,
-}
-
-/// A file of a raw: a shard of an array, by frame, or of its signal.
-#[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord)]
-pub struct RawShard {
-    /// Output of the spec; the signal is of output 0.
-    pub output: usize,
-    /// Frame; none: the signal.
-    pub frame: Option<usize>,
-    /// Row and column in the grid of shards.
-    pub place: (usize, usize),
 }
 
 impl RawStore {

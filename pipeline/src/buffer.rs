@@ -189,6 +189,15 @@ impl TileBuffer {
     }
 }
 
+/// Resizes a buffer, discarding its values, without spare capacity: its size is part of the memory plan.
+pub(crate) fn resize_exact(buffer: &mut Vec<f32>, n: usize) {
+    if buffer.capacity() < n {
+        *buffer = Vec::new();
+        buffer.reserve_exact(n);
+    }
+    buffer.resize(n, 0.0);
+}
+
 #[cfg(test)]
 mod tests {
     use super::*;

@@ -12,6 +12,7 @@
 mod composite;
 mod coverage;
 mod depth_scene;
+mod drawing;
 mod error;
 pub mod glyphs;
 mod inks;
@@ -19,24 +20,22 @@ mod noise;
 mod parse;
 mod picture;
 mod shares;
-mod sheet;
 mod spec;
 mod targets;
 
 pub use depth_scene::ScenePart;
+pub use drawing::EdgeSite;
 pub use error::ChartError;
-pub use sheet::EdgeSite;
-pub use spec::{ChartSpec, EdgePlaces, KINDS, Kind, PointShape};
+pub use inks::UNITS;
+pub use spec::{ChartSpec, KINDS, Kind};
+pub use targets::{EdgePlaces, PointShape};
 
 use crate::flow::{ChartSource, SourceSinkError};
 use crate::geometry::{Rect, Size};
 use depth_scene::DepthScene;
+use drawing::Drawing;
 use inks::Inks;
 use picture::Picture;
-use sheet::Sheet;
-
-/// Unit of chart values: spectral radiance.
-pub const UNITS: &str = "W m-2 sr-1 nm-1";
 
 /// Bands from which on it pays to keep the shares of pixels: computing them for storage takes as long as drawing three bands.
 const MIN_CACHED_BANDS: usize = 4;
@@ -68,32 +67,32 @@ impl Generator {
         spec.check()?;
         let overscan_px = spec.overscan();
         let inks = Inks::new(spec.illuminant, spec.wavelengths_nm.clone());
-        let mut sheet = Sheet::new(spec.film, overscan_px, inks);
+        let mut drawing = Drawing::new(spec.film, overscan_px, inks);
         let mut scene = None;
         match &spec.kind {
-            Kind::Uniform { value } => sheet.uniform(*value),
-            Kind::Points { count, shape, width_px } => sheet.points(*count, *shape, *width_px)?,
+            Kind::Uniform { value } => drawing.uniform(*value),
+            Kind::Points { count, shape, width_px } => drawing.points(*count, *shape, *width_px)?,
             Kind::SlantedEdge { angle_deg, contrast, places, patch_px } => {
-                sheet.slanted_edges(*angle_deg, *contrast, places, *patch_px)?;
+                drawing.slanted_edges(*angle_deg, *contrast, places, *patch_px)?;
             }
-            Kind::Esfr { angle_deg, contrast, grid } => sheet.esfr(*angle_deg, *contrast, *grid)?,
-            Kind::DotGrid { count, width_px } => sheet.dot_grid(*count, *width_px)?,
-            Kind::Siemens { spokes, grid } => sheet.siemens(*spokes, *grid),
-            Kind::Checker => sheet.checker(),
-            Kind::Composite => composite::draw(&mut sheet, spec.pitch_um),
+            Kind::Esfr { angle_deg, contrast, grid } => drawing.esfr(*angle_deg, *contrast, *grid)?,
+            Kind::DotGrid { count, width_px } => drawing.dot_grid(*count, *width_px)?,
+            Kind::Siemens { spokes, grid } => drawing.siemens(*spokes, *grid),
+            Kind::Checker => drawing.checker(),
+            Kind::Composite => composite::draw(&mut drawing, spec.pitch_um),
             Kind::DepthScene { near_m, far_m, part } => {
-                scene = Some(DepthScene::draw(&mut sheet, *near_m, *far_m, *part));
+                scene = Some(DepthScene::draw(&mut drawing, *near_m, *far_m, *part));
             }
         }
         Ok(Self {
             overscan_px,
-            chart: sheet.chart(),
-            radiance: sheet.inks.into_bands(),
-            picture: sheet.picture,
+            chart: drawing.chart(),
+            radiance: drawing.inks.into_bands(),
+            picture: drawing.picture,
             scene,
-            points: sheet.points,
-            edges: sheet.edges,
-            patches: sheet.patches,
+            points: drawing.points,
+            edges: drawing.edges,
+            patches: drawing.patches,
             spec,
         })
     }

@@ -14,6 +14,7 @@
 //! [`MAX_TILES_AHEAD_PER_WORKER`] tiles per worker more than the walk requires; a GPU queue is bounded by its batch buffers and
 //! page-locked buffers; [`Work::max_encoded_shards`]. [`memory`] computes what the queues hold.
 
+mod computed_tile;
 mod error;
 mod gpu_queue;
 mod gpu_tasks;
@@ -31,6 +32,7 @@ mod work;
 mod worker;
 
 pub use error::RunError;
+pub use memory::MAX_TILES_AHEAD_PER_WORKER;
 pub use progress::Progress;
 pub use work::{BandWork, Summary, Work};
 
@@ -48,9 +50,6 @@ use std::sync::Mutex;
 use std::sync::atomic::{AtomicBool, Ordering};
 use std::time::Instant;
 use tile_source::TileSource;
-
-/// Tiles per worker in progress or waiting to be added, beyond those that one worker has.
-pub const MAX_TILES_AHEAD_PER_WORKER: usize = 3;
 
 /// Runs `work` from `chart` to `sink`; `compute` constructs the stages of each band.
 ///

@@ -18,6 +18,7 @@
 //! Related: Maeda, Catrysse, Wandell, "Integrating lens design with digital camera simulation", Proc. SPIE 5678 (2005), which
 //! samples the field.
 
+mod block_view;
 pub mod blocks;
 pub mod cuda;
 mod engine;
@@ -31,6 +32,8 @@ mod simd;
 pub mod spectra;
 mod spline;
 
+pub use block_view::{BlockView, Spectra};
+
 use crate::buffer::{AlignedBuf, TileBuffer};
 use crate::geometry::{Frame, Rect};
 use crate::simd::Simd;
@@ -43,23 +46,6 @@ use polar::BlockPlace;
 use spectra::SpectrumCache;
 use std::cell::Cell;
 use std::sync::{Arc, Mutex};
-
-/// Pixels of a block of the remapped image inside a larger buffer.
-#[derive(Clone, Copy, Debug)]
-pub struct BlockView<'a> {
-    /// The buffer from the block's first pixel on.
-    pub pixels: &'a [f32],
-    /// Pixels from one row to the next.
-    pub stride: usize,
-    /// Position of the block relative to the axis, and its size.
-    pub place: BlockPlace,
-}
-
-/// Source of node spectra for an engine.
-pub trait Spectra {
-    /// The spectrum of `node`, in the layout of the engine.
-    fn get(&self, node: Node) -> Arc<AlignedBuf>;
-}
 
 /// The PSF stage of one band.
 #[derive(Debug)]

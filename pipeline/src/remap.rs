@@ -27,6 +27,7 @@ pub mod memory;
 mod reach;
 pub(crate) mod surround;
 
+use crate::buffer::resize_exact;
 use crate::field::{Field, Outside};
 use crate::flow::{ChartSource, SourceSinkError};
 use crate::geometry::{Frame, Rect, Size};
@@ -309,13 +310,4 @@ impl Remap {
     ) -> Result<(), SourceSinkError> {
         read_with_surround(chart, band, rect, self.interpolation.surround, out, &mut s.inside)
     }
-}
-
-/// Resizes a buffer, discarding its values, without spare capacity: its size is part of the memory plan.
-pub(crate) fn resize_exact(buffer: &mut Vec<f32>, n: usize) {
-    if buffer.capacity() < n {
-        *buffer = Vec::new();
-        buffer.reserve_exact(n);
-    }
-    buffer.resize(n, 0.0);
 }

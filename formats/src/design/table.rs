@@ -18,6 +18,7 @@
 //! A *mirror* for a glass reflects; thicknesses behind an odd number of mirrors are negative, as design programs write them. Rays are aimed at the real stop unless `aiming, paraxial`.
 
 mod columns;
+mod line;
 mod row;
 mod settings;
 mod units;
@@ -26,8 +27,9 @@ mod write;
 use super::draft::Draft;
 use super::error::LensFileError;
 use super::options::ReadOptions;
-use super::text::{self, decode};
+use super::text::decode;
 use columns::Columns;
+use line::Line;
 use pipeline::design::glass_library::GlassLibrary;
 use pipeline::design::paraxial::Paraxial;
 use pipeline::design::system::{ImagePlane, RayAiming, System};
@@ -35,36 +37,8 @@ use settings::Settings;
 
 pub use write::write;
 
-/// A line of the file, split into cells.
-struct Line<'a> {
-    number: usize,
-    text: &'a str,
-    cells: Vec<String>,
-    /// Whether a comma may be a decimal point.
-    has_decimal_commas: bool,
-}
-
 /// Maximum difference between a printed and the computed focal length without a note.
 const FOCAL_LENGTH_TOLERANCE: f64 = 0.01;
-
-impl Line<'_> {
-    fn error(&self, problem: impl Into<String>) -> LensFileError {
-        LensFileError::Line { line: self.number, text: text::quote(self.text), problem: problem.into() }
-    }
-
-    fn cell(&self, i: usize) -> &str {
-        self.cells.get(i).map_or("", String::as_str)
-    }
-
-    /// A number, possibly infinite.
-    fn number(&self, cell: &str) -> Result<f64, LensFileError> {
-        if text::is_infinite(cell) {
-            return Ok(if cell.starts_with(['-', '−', '–']) { f64::NEG_INFINITY } else { f64::INFINITY });
-        }
-        let plain = if self.has_decimal_commas { cell.replace(',', ".") } else { cell.to_owned() };
-        text::number(&plain).ok_or_else(|| self.error(text::not_a_number(cell)))
-    }
-}
 
 /// Cells of a line; a quoted cell may hold separators.
 fn split(line: &str, separator: char) -> Vec<String> {

@@ -5,7 +5,7 @@ use std::path::PathBuf;
 
 use pipeline::bounds::OutOfBounds;
 
-use super::GroupKind;
+use super::kind::GroupKind;
 use crate::durable::{DurableError, LockError};
 
 /// What is found instead of a film or raw.

@@ -6,7 +6,7 @@
 //!   runs/…                              records and locks of runs, marks of engines
 //!   .tmp-…                              temporary files, anywhere
 
-use super::GroupKind;
+use super::kind::GroupKind;
 use crate::durable::is_temp_name;
 
 /// Extension of the marks of engines.

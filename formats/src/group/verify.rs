@@ -6,7 +6,8 @@ use std::sync::atomic::{AtomicU64, Ordering::Relaxed};
 
 use pipeline::geometry::{Rect, Size};
 
-use super::{GroupError, JobGroup};
+use super::JobGroup;
+use super::error::GroupError;
 use crate::durable::{DurableError, Store, fault_point, temp_name};
 use crate::parallel::{self, Progress};
 use crate::shard::{ShardDefect, ShardEncoder};

@@ -1,11 +1,13 @@
 //! Options of an import: properties of an export that its files do not state.
 
-use super::ImportError;
+use super::error::ImportError;
 use super::window::{EvenWindow, Layout, Outward, RowOrder};
 use pipeline::lens::PsfSample;
 use std::f64::consts::PI;
 use std::path::Path;
 
+/// Maximum number of wavelengths, and of heights.
+pub(super) const MAX_COUNT: usize = 4096;
 /// Format of an export.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Format {

@@ -1,8 +1,9 @@
 //! Common last step of all formats: tables made dense, windows read band by band, the pack written.
 
 use super::dense::{Parity, Spline, equidistant};
+use super::error::ImportError;
+use super::options::{ImportOptions, MAX_COUNT};
 use super::window::{Layout, RowOrder, Window};
-use super::{ImportError, ImportOptions, MAX_COUNT};
 use crate::lens::{LensPackWriter, PackAttributes};
 use pipeline::bounds;
 use pipeline::lens::{Lens, LensBand, PsfSample, PsfStack};

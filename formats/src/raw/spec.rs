@@ -5,11 +5,24 @@ use pipeline::geometry::{Rect, Size};
 use pipeline::tiling::FilmRegion;
 use serde_json::{Map, Value, json};
 
-use super::{RawShard, SIGNAL};
 use crate::group::{Derived, GroupKind, Output};
 use crate::hierarchy::{array, coordinate};
 use crate::object;
 use crate::shard::{Codec, SampleType, shard_grid, sharding_of};
+
+/// The array of the kept signal.
+pub const SIGNAL: &str = "signal";
+
+/// A file of a raw: a shard of an array, by frame, or of its signal.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord)]
+pub struct RawShard {
+    /// Output of the spec; the signal is of output 0.
+    pub output: usize,
+    /// Frame; none: the signal.
+    pub frame: Option<usize>,
+    /// Row and column in the grid of shards.
+    pub place: (usize, usize),
+}
 
 /// What a raw is.
 #[derive(Clone, Debug, PartialEq)]

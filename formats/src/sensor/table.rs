@@ -5,7 +5,7 @@ use std::path::Path;
 use pipeline::bounds::WAVELENGTH_NM;
 use pipeline::sensor::Curve;
 
-use super::SensorError;
+use super::error::SensorError;
 
 /// Rows of a table.
 const MAX_ROWS: usize = 100_000;

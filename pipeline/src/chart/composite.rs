@@ -6,9 +6,9 @@
 //! 100 %. The layout is in cells from the film's middle; lines run between cells.
 
 use super::coverage::{Point, Polygon};
+use super::drawing::{Drawing, snap};
 use super::glyphs;
 use super::picture::{Ink, Shape};
-use super::sheet::{Sheet, snap};
 use super::targets::{INK, PAPER};
 use crate::real;
 
@@ -16,7 +16,7 @@ use crate::real;
 const CELLS: f64 = 30.0;
 
 struct Composite<'a> {
-    sheet: &'a mut Sheet,
+    drawing: &'a mut Drawing,
     paper: Ink,
     ink: Ink,
     line: Ink,
@@ -28,14 +28,15 @@ struct Composite<'a> {
 }
 
 /// Draws the chart.
-pub(super) fn draw(sheet: &mut Sheet, pitch_um: f64) {
-    let paper = sheet.inks.grey(PAPER);
-    let (ink, line) = (sheet.inks.grey(INK), sheet.inks.grey(0.16));
-    let (short, long) = (sheet.film.height.min(sheet.film.width), sheet.film.height.max(sheet.film.width));
+pub(super) fn draw(drawing: &mut Drawing, pitch_um: f64) {
+    let paper = drawing.inks.grey(PAPER);
+    let (ink, line) = (drawing.inks.grey(INK), drawing.inks.grey(0.16));
+    let (short, long) =
+        (drawing.film.height.min(drawing.film.width), drawing.film.height.max(drawing.film.width));
     // At least 8 px for legibility, and at most 400 cells along a very long film, for speed.
     let cell = (short as f64 / CELLS).max(long as f64 / 400.0).max(8.0);
-    let middle = sheet.centre();
-    let mut c = Composite { sheet, paper, ink, line, cell, middle, pitch_um };
+    let middle = drawing.centre();
+    let mut c = Composite { drawing, paper, ink, line, cell, middle, pitch_um };
     c.ruling();
     c.circles();
     c.colour_panel();
@@ -52,7 +53,7 @@ impl Composite<'_> {
 
     /// Half of the film in cells, (x, y).
     fn half(&self) -> Point {
-        [self.sheet.film.width as f64 / self.cell / 2.0, self.sheet.film.height as f64 / self.cell / 2.0]
+        [self.drawing.film.width as f64 / self.cell / 2.0, self.drawing.film.height as f64 / self.cell / 2.0]
     }
 
     /// Line width in pixels, an integer: a share of a cell, so that it is visible in the complete picture.
@@ -62,12 +63,12 @@ impl Composite<'_> {
 
     fn block(&mut self, [x0, y0]: Point, [x1, y1]: Point, ink: Ink) {
         let (a, b) = (self.at([x0, y0]), self.at([x1, y1]));
-        self.sheet.block([a[0], a[1], b[0], b[1]], ink);
+        self.drawing.block([a[0], a[1], b[0], b[1]], ink);
     }
 
     /// Lines between all cells up to the chart's border, every fifth heavier.
     fn ruling(&mut self) {
-        let chart = self.sheet.chart();
+        let chart = self.drawing.chart();
         let (w, h) = (chart.width as f64 - 0.5, chart.height as f64 - 0.5);
         let (fine, heavy) = (self.stroke(0.006), self.stroke(0.016));
         let mut boxes = Vec::new();
@@ -83,25 +84,25 @@ impl Composite<'_> {
                 });
             }
         }
-        self.sheet.picture.add(Shape::Boxes(boxes), self.line);
+        self.drawing.picture.add(Shape::Boxes(boxes), self.line);
     }
 
     /// Circles of equal field height at fifths of the half diagonal, and both diagonals.
     fn circles(&mut self) {
         let [hx, hy] = self.half();
         let (half_diagonal, thick) = (real::hypot(hx, hy) * self.cell, self.stroke(0.01));
-        let blue = self.sheet.inks.checker(7);
+        let blue = self.drawing.inks.checker(7);
         for fifth in 1..=4 {
             let radius = half_diagonal * f64::from(fifth) / 5.0;
-            self.sheet
+            self.drawing
                 .picture
                 .add(Shape::Ring(self.middle, radius - thick / 2.0, radius + thick / 2.0), blue);
         }
-        let chart = self.sheet.chart();
+        let chart = self.drawing.chart();
         let reach = real::hypot(chart.width as f64, chart.height as f64) / 2.0;
         for sign in [-1.0, 1.0] {
             let bar = Polygon::rotated(self.middle, [reach, thick / 2.0], sign * real::atan2(hy, hx));
-            self.sheet.picture.add(Shape::Polygons(vec![bar], None), blue);
+            self.drawing.picture.add(Shape::Polygons(vec![bar], None), blue);
         }
     }
 
@@ -109,7 +110,7 @@ impl Composite<'_> {
     fn colour_panel(&mut self) {
         self.block([-3.5, 2.5], [3.5, 7.5], self.ink);
         let (a, b) = (self.at([-3.36, 2.64]), self.at([3.36, 7.36]));
-        self.sheet.checker_in([a[0], a[1], b[0], b[1]], 0.07);
+        self.drawing.checker_in([a[0], a[1], b[0], b[1]], 0.07);
     }
 
     /// Title, spectrum and grey scale above the middle.
@@ -121,7 +122,7 @@ impl Composite<'_> {
         let stripes = 31;
         for i in 0..stripes {
             let nm = 400.0 + 10.0 * f64::from(i);
-            let ink = self.sheet.inks.narrow(nm, 30.0);
+            let ink = self.drawing.inks.narrow(nm, 30.0);
             let x = |i: i32| -3.3 + 6.6 * f64::from(i) / f64::from(stripes);
             self.block([x(i), -5.55], [x(i + 1), -4.15], ink);
         }
@@ -129,7 +130,7 @@ impl Composite<'_> {
         for i in 0..steps {
             // Equal density steps from 0.9 to 0.02.
             let ink =
-                self.sheet.inks.grey(0.9 * real::pow(0.02_f64 / 0.9, f64::from(i) / f64::from(steps - 1)));
+                self.drawing.inks.grey(0.9 * real::pow(0.02_f64 / 0.9, f64::from(i) / f64::from(steps - 1)));
             let x = |i: i32| -3.3 + 6.6 * f64::from(i) / f64::from(steps);
             self.block([x(i), -3.95], [x(i + 1), -2.75], ink);
         }
@@ -173,7 +174,7 @@ impl Composite<'_> {
             if half[0] >= 3.0 && far[0] - half[0] >= 3.0 && far[1] >= 11.0 {
                 let centre = self.at([sx * half[0], sy * far[1]]);
                 self.backed_disc(centre);
-                self.sheet.star(centre, 1.38 * self.cell, 36, self.ink);
+                self.drawing.star(centre, 1.38 * self.cell, 36, self.ink);
             }
             if half[1] >= 3.0 && far[1] - half[1] >= 3.0 && far[0] >= 11.0 {
                 let centre = self.at([sx * far[0], sy * half[1]]);
@@ -185,7 +186,7 @@ impl Composite<'_> {
 
     /// White paper under a large figure, which hides the ruling.
     fn backed_disc(&mut self, centre: Point) {
-        self.sheet.disc(centre, 1.45 * self.cell, self.paper);
+        self.drawing.disc(centre, 1.45 * self.cell, self.paper);
     }
 
     /// 3 × 3 cells of detail, framed.
@@ -199,12 +200,12 @@ impl Composite<'_> {
         self.dots([x + 1.0, y - 1.0]);
         self.bars([x - 1.0, y]);
         let centre = self.at([x, y]);
-        self.sheet.star(centre, 0.46 * self.cell, 60, self.ink);
+        self.drawing.star(centre, 0.46 * self.cell, 60, self.ink);
         let plate = self.at([x + 1.0, y]);
         self.zones(plate, 0.46 * self.cell, 3.0);
         self.colours([x - 1.0, y + 1.0]);
         self.legend([x, y + 1.0], [x, y]);
-        let grey = self.sheet.inks.grey(0.45);
+        let grey = self.drawing.inks.grey(0.45);
         self.tilted_square([x + 1.0, y + 1.0], grey);
     }
 
@@ -212,7 +213,7 @@ impl Composite<'_> {
     fn tilted_square(&mut self, cell: Point, ink: Ink) {
         let half = 0.34 * self.cell;
         let square = Polygon::rotated(self.at(cell), [half, half], 5_f64.to_radians());
-        self.sheet.picture.add(Shape::Polygons(vec![square], None), ink);
+        self.drawing.picture.add(Shape::Polygons(vec![square], None), ink);
     }
 
     /// Groups of lines along the radius and across it, periods of 12, 8, 6 and 4 px.
@@ -239,14 +240,14 @@ impl Composite<'_> {
                 }
             }
         }
-        self.sheet.picture.add(Shape::Polygons(lines, None), self.ink);
+        self.drawing.picture.add(Shape::Polygons(lines, None), self.ink);
     }
 
     /// White dots of 2 to 8 px on black: images of the PSF.
     fn dots(&mut self, cell: Point) {
         let [x, y] = self.at(cell);
         let half = 0.44 * self.cell;
-        self.sheet.block_at([x, y], half, half, self.ink);
+        self.drawing.block_at([x, y], half, half, self.ink);
         let gap = 0.17 * self.cell;
         for (row, diameter) in [2.0, 3.0, 4.0, 6.0, 8.0].into_iter().enumerate() {
             if gap < 2.0 * diameter {
@@ -255,8 +256,8 @@ impl Composite<'_> {
             for column in 0..5 {
                 let place =
                     [x + (f64::from(column) - 2.0) * gap, y + (row as f64 - 2.0) * gap].map(f64::round);
-                self.sheet.disc(place, diameter / 2.0, self.paper);
-                self.sheet.note_point(place);
+                self.drawing.disc(place, diameter / 2.0, self.paper);
+                self.drawing.note_point(place);
             }
         }
     }
@@ -282,7 +283,7 @@ impl Composite<'_> {
                 across += 2.0 * width;
             }
         }
-        self.sheet.picture.add(Shape::Boxes(boxes), self.ink);
+        self.drawing.picture.add(Shape::Boxes(boxes), self.ink);
     }
 
     /// A zone plate: rings at radii ∝ √k, all frequencies in all directions up to lines of width `finest`.
@@ -290,17 +291,17 @@ impl Composite<'_> {
         // r_k² = k·a, so a ring is a/2r wide: `finest` at the rim.
         let a = 2.0 * finest * reach;
         let count = (reach * reach / a) as i64;
-        self.sheet.disc(centre, a.sqrt().min(reach), self.ink);
+        self.drawing.disc(centre, a.sqrt().min(reach), self.ink);
         for k in (2..count).step_by(2) {
             let radius = |k: i64| (k as f64 * a).sqrt();
-            self.sheet.picture.add(Shape::Ring(centre, radius(k), radius(k + 1)), self.ink);
+            self.drawing.picture.add(Shape::Ring(centre, radius(k), radius(k + 1)), self.ink);
         }
     }
 
     /// Four adjoining colours, to show lateral colour at their borders.
     fn colours(&mut self, [x, y]: Point) {
         for (patch, dx, dy) in [(14, -1.0, -1.0), (13, 0.0, -1.0), (12, -1.0, 0.0), (15, 0.0, 0.0)] {
-            let ink = self.sheet.inks.checker(patch);
+            let ink = self.drawing.inks.checker(patch);
             let (x0, y0) = (x + 0.4 * dx, y + 0.4 * dy);
             self.block([x0, y0], [x0 + 0.4, y0 + 0.4], ink);
         }
@@ -340,6 +341,6 @@ impl Composite<'_> {
             [left + first * dot, top + row * dot, left + end * dot, top + (row + 1.0) * dot]
         };
         let boxes = glyphs::runs(text).into_iter().map(run).collect();
-        self.sheet.picture.add(Shape::Boxes(boxes), ink);
+        self.drawing.picture.add(Shape::Boxes(boxes), ink);
     }
 }

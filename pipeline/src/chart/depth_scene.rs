@@ -17,8 +17,8 @@
 //! complete. A pixel on the rim of disc or ball has the colour and the distance of that object, and the object's share as coverage. Infinity is 10¹⁰ m.
 
 use super::coverage::{Disc, Polygon};
+use super::drawing::{Drawing, snap};
 use super::picture::{Picture, Shape};
-use super::sheet::{Sheet, snap};
 use super::targets::PAPER;
 use crate::geometry::Rect;
 use crate::real;
@@ -71,14 +71,14 @@ impl ScenePart {
     /// Unit of its values.
     pub const fn units(self) -> &'static str {
         match self {
-            Self::Chart | Self::Hidden => super::UNITS,
+            Self::Chart | Self::Hidden => super::inks::UNITS,
             Self::Depth | Self::HiddenDepth => "m",
             Self::Coverage => "1",
         }
     }
 }
 
-/// Geometry and near objects of a scene; wall and floor are the picture of its [`Sheet`]. Lengths are chart pixels.
+/// Geometry and near objects of a scene; wall and floor are the picture of its [`Drawing`]. Lengths are chart pixels.
 pub(super) struct DepthScene {
     part: ScenePart,
     /// Vergences of wall and disc, 1/m.
@@ -96,15 +96,15 @@ pub(super) struct DepthScene {
 }
 
 impl DepthScene {
-    /// Draws wall and floor on `sheet`, and the objects.
-    pub(super) fn draw(sheet: &mut Sheet, near_m: f64, far_m: f64, part: ScenePart) -> Self {
-        let chart = sheet.chart();
-        let (height, width) = (sheet.film.height as f64, sheet.film.width as f64);
-        let horizon = snap(sheet.at(HORIZON * height, 0.0)[1]);
+    /// Draws wall and floor on `drawing`, and the objects.
+    pub(super) fn draw(drawing: &mut Drawing, near_m: f64, far_m: f64, part: ScenePart) -> Self {
+        let chart = drawing.chart();
+        let (height, width) = (drawing.film.height as f64, drawing.film.width as f64);
+        let horizon = snap(drawing.at(HORIZON * height, 0.0)[1]);
         let span = (chart.height as f64 - 1.0 - horizon).max(1.0);
         let short = height.min(width);
         let circle = |row: f64, column: f64, radius: f64| Disc {
-            centre: sheet.at(row * height, column * width),
+            centre: drawing.at(row * height, column * width),
             radius: radius * short,
         };
         let (disc, ball) = (circle(0.46, 0.29, 0.19), circle(0.42, 0.73, 0.13));
@@ -117,25 +117,25 @@ impl DepthScene {
         let front = Picture::new(chart, 0);
         let mut scene =
             Self { part, far: 1.0 / far_m, near: 1.0 / near_m, horizon, span, disc, ball, front, mask };
-        scene.wall(sheet);
-        scene.floor(sheet);
-        let black = sheet.inks.grey(0.0);
-        let (white, red) = (sheet.inks.grey(PAPER), sheet.inks.checker(14));
-        let behind = std::mem::replace(&mut sheet.picture, Picture::new(chart, black));
+        scene.wall(drawing);
+        scene.floor(drawing);
+        let black = drawing.inks.grey(0.0);
+        let (white, red) = (drawing.inks.grey(PAPER), drawing.inks.checker(14));
+        let behind = std::mem::replace(&mut drawing.picture, Picture::new(chart, black));
         // Wider than the disc, so that pixels on its rim have its colours.
         let r = disc.radius + 2.0;
-        sheet.block_at(disc.centre, r, r, white);
-        sheet.star(disc.centre, r, 18, red);
-        scene.front = std::mem::replace(&mut sheet.picture, behind);
+        drawing.block_at(disc.centre, r, r, white);
+        drawing.star(disc.centre, r, 18, red);
+        scene.front = std::mem::replace(&mut drawing.picture, behind);
         scene
     }
 
-    fn wall(&self, sheet: &mut Sheet) {
-        sheet.inks.grey(0.7);
-        let dark = sheet.inks.grey(0.08);
-        let (height, width) = (sheet.film.height as f64, sheet.film.width as f64);
+    fn wall(&self, drawing: &mut Drawing) {
+        drawing.inks.grey(0.7);
+        let dark = drawing.inks.grey(0.08);
+        let (height, width) = (drawing.film.height as f64, drawing.film.width as f64);
         let side = (height.min(width) / 10.0).max(height.max(width) / 400.0).max(1.0);
-        let chart = sheet.chart();
+        let chart = drawing.chart();
         let count = |length: f64| (length / side).ceil() as usize;
         let rows = count(self.horizon + 0.5);
         let squares = (0..rows).flat_map(|i| (0..count(chart.width as f64)).map(move |j| (i, j)));
@@ -144,20 +144,20 @@ impl DepthScene {
             let (x, y) = (side * j as f64 - 0.5, self.horizon - side * i as f64);
             [x, y - side, x + side, y]
         });
-        sheet.picture.add(Shape::Boxes(squares.collect()), dark);
+        drawing.picture.add(Shape::Boxes(squares.collect()), dark);
     }
 
-    fn floor(&self, sheet: &mut Sheet) {
-        let (light, dark) = (sheet.inks.checker(1), sheet.inks.checker(0));
-        let chart = sheet.chart();
+    fn floor(&self, drawing: &mut Drawing) {
+        let (light, dark) = (drawing.inks.checker(1), drawing.inks.checker(0));
+        let chart = drawing.chart();
         let (right, bottom) = (chart.width as f64 - 0.5, chart.height as f64 - 0.5);
-        sheet.picture.add(Shape::Boxes(vec![[-0.5, self.horizon, right, bottom]]), light);
+        drawing.picture.add(Shape::Boxes(vec![[-0.5, self.horizon, right, bottom]]), light);
         let range = self.near - self.far;
         // Width of a check in the last row; its length makes it half as high there.
         let side = (chart.width as f64 / 12.0).max(2.0);
         let length_m = 0.5 * side * range / (self.span * self.near * self.near);
         // Lines along z meet where V = 0, those across lie where V = 1/z.
-        let middle = sheet.centre()[0];
+        let middle = drawing.centre()[0];
         let point = |line: i32, v: f64| {
             let y = self.horizon + (v - self.far) / range * self.span;
             [middle + f64::from(line) * side * v / self.near, y]
@@ -176,7 +176,7 @@ impl DepthScene {
                 }
             }
         }
-        sheet.picture.add(Shape::Polygons(checks, None), dark);
+        drawing.picture.add(Shape::Polygons(checks, None), dark);
     }
 
     /// Distance of wall or floor in row `y`, m.

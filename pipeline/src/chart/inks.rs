@@ -4,6 +4,9 @@ use super::picture::Ink;
 use crate::colour::{Illuminant, checker_reflectance};
 use crate::real;
 
+/// Unit of chart values: spectral radiance.
+pub const UNITS: &str = "W m-2 sr-1 nm-1";
+
 /// Illuminance of every chart, lux: typical of test-chart lighting.
 const ILLUMINANCE_LX: f64 = 1000.0;
 

@@ -2,7 +2,8 @@
 
 use super::depth_scene::ScenePart;
 use super::error::{ChartError, bad_value};
-use super::spec::{ChartSpec, EdgePlaces, KINDS, Kind, MAX_SIDE, PointShape, SIZE_EXPECTED};
+use super::spec::{ChartSpec, KINDS, Kind, MAX_SIDE, SIZE_EXPECTED};
+use super::targets::{EdgePlaces, PointShape};
 use crate::geometry::Size;
 use crate::wavelengths;
 use crate::words::edit_distance;

@@ -6,6 +6,7 @@
 use super::depth_scene::ScenePart;
 use super::error::{ChartError, bad_value};
 use super::noise;
+use super::targets::{EdgePlaces, PointShape};
 use crate::bounds::{self, BANDS, FILM_SIDE_PX, PITCH_UM, WAVELENGTH_NM};
 use crate::colour::{FIRST_NM, Illuminant, LAST_NM};
 use crate::geometry::Size;
@@ -29,24 +30,6 @@ pub const KINDS: [(&str, &[&str]); 9] = [
     ("composite", &[]),
     ("depth-scene", &["near_m", "far_m", "part"]),
 ];
-
-/// Shape of an isolated point.
-#[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub enum PointShape {
-    /// Width = full width at half maximum.
-    Gaussian,
-    /// Width = diameter.
-    Disc,
-}
-
-/// Places of slanted edges.
-#[derive(Clone, Debug, PartialEq)]
-pub enum EdgePlaces {
-    /// In the middle of each of n × n equal parts of the film.
-    Grid(usize),
-    /// (row, column) in film pixels.
-    Centres(Vec<(f64, f64)>),
-}
 
 /// Content of a chart.
 #[derive(Clone, Debug, PartialEq)]

@@ -1,11 +1,28 @@
 //! Charts with one kind of target each.
 
 use super::coverage::Polygon;
+use super::drawing::{Drawing, EdgeSite};
 use super::error::ChartError;
 use super::picture::Shape;
-use super::sheet::{EdgeSite, Sheet};
-use super::spec::{EdgePlaces, PointShape};
 use crate::real;
+
+/// Shape of an isolated point.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum PointShape {
+    /// Width = full width at half maximum.
+    Gaussian,
+    /// Width = diameter.
+    Disc,
+}
+
+/// Places of slanted edges.
+#[derive(Clone, Debug, PartialEq)]
+pub enum EdgePlaces {
+    /// In the middle of each of n × n equal parts of the film.
+    Grid(usize),
+    /// (row, column) in film pixels.
+    Centres(Vec<(f64, f64)>),
+}
 
 /// Reflectance of white matt paper.
 pub(super) const PAPER: f64 = 0.90;
@@ -14,7 +31,7 @@ const GREY_STEPS: usize = 20;
 /// Reflectance of black ink.
 pub(super) const INK: f64 = 0.03;
 
-impl Sheet {
+impl Drawing {
     /// A uniform radiance.
     pub(super) fn uniform(&mut self, value: f64) {
         self.inks.radiance(value);
@@ -168,7 +185,7 @@ impl Sheet {
                 [-0.5, -0.5, chart.width as f64 - 0.5, chart.height as f64 - 0.5]
             } else {
                 let h = patch / 2.0;
-                [x - h, y - h, x + h, y + h].map(super::sheet::snap)
+                [x - h, y - h, x + h, y + h].map(super::drawing::snap)
             };
             let half_plane = Polygon::rectangle(bounds[0], bounds[1], bounds[2], bounds[3])
                 .clipped([cos, sin], x * cos + y * sin);

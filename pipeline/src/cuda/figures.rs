@@ -1,6 +1,6 @@
 //! Counts and times of a GPU queue.
 
-use super::Device;
+use super::device::Device;
 use super::kernel_timer::HostTimes;
 
 /// Time of the thread that launches batches, s.

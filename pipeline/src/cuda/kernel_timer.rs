@@ -1,7 +1,8 @@
 //! Events around kernels, so that their time excludes the work of the host that launches them.
 
+use super::device::Device;
+use super::error::CudaError;
 use super::handle::{BLOCKING_EVENT, CudaEvent, CudaStream};
-use super::{CudaError, Device};
 use std::time::Instant;
 
 /// Time of the host in planning one batch, s.

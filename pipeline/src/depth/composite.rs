@@ -29,10 +29,10 @@ use super::planes::{Planes, SlabPlanes};
 use super::slabs::Slabs;
 use super::wanted::Wanted;
 use crate::buffer::TileBuffer;
+use crate::buffer::resize_exact;
 use crate::geometry::{Frame, Rect};
 use crate::psf::spectra::SpectrumCache;
 use crate::psf::{BandPsf, PsfScratch};
-use crate::remap::resize_exact;
 use std::collections::BTreeMap;
 
 /// Least U that is divided by.

@@ -14,8 +14,8 @@
 //! Mallat algorithms", IEEE Transactions on Signal Processing 40, 1992. Executable form in f64: tests/golden/depth/hidden_surface.py.
 
 use super::planes::for_each_row;
+use crate::buffer::resize_exact;
 use crate::geometry::{Rect, Size};
-use crate::remap::resize_exact;
 
 /// Pixels of the surface that is extrapolated, on a film rectangle.
 #[derive(Debug, Default)]

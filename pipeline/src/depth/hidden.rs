@@ -15,8 +15,8 @@ use super::extrapolate::{Extrapolation, Known, levels, support};
 use super::occupancy::Occupancy;
 use super::planes::{Planes, SlabPlanes, for_each_row};
 use super::slabs::Slabs;
+use crate::buffer::resize_exact;
 use crate::geometry::Rect;
-use crate::remap::resize_exact;
 
 /// Extrapolated vergences below a node by less than this share of the nodes' range are those of the node: rounding.
 const ROUNDING: f64 = 1e-6;

@@ -1,7 +1,7 @@
 //! Planes of slabs on a film rectangle: share, light and position of every pixel.
 
+use crate::buffer::resize_exact;
 use crate::geometry::Rect;
-use crate::remap::resize_exact;
 
 /// Planes of one slab, row-major, from its first to its last row with pixels: a surface that runs through many slabs has few rows of each.
 #[derive(Debug, Default)]

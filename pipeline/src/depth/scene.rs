@@ -19,12 +19,13 @@ use super::planes::{Planes, SlabPlanes};
 use super::sheet::{ChangedDistance, Distance, InvalidDistance, Sheet};
 use super::slabs::Slabs;
 use super::surface::{Surface, beyond_chart, uncovered};
+use crate::buffer::resize_exact;
 use crate::field::Field;
 use crate::flow::{ChartSource, SourceSinkError};
 use crate::geometry::{Frame, Rect};
+use crate::remap::ChartInterpolation;
 use crate::remap::map::{Map, Points, min_max};
 use crate::remap::surround::read_with_surround;
-use crate::remap::{ChartInterpolation, resize_exact};
 use crate::resample::{Surround, box_span, box_weights};
 use std::collections::BTreeSet;
 

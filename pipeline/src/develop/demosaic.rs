@@ -7,7 +7,7 @@
 //! *Superpixel*: a period becomes one pixel, each plane the mean of its pixels.
 //! Rows come with a halo; beyond the raw they are mirrored about the outermost pixel's centre, which keeps a pattern of period 2 in step.
 
-use super::DevelopError;
+use super::error::DevelopError;
 
 /// How planes are interpolated.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]

@@ -10,7 +10,7 @@
 //! ColorMatrix of DNG: from XYZ under the light to the camera's unbalanced planes, (A·S·M·G)⁻¹ with G the white gains of the planes, S the
 //! matrix from linear sRGB to XYZ and A the Bradford adaptation from D65 to the light.
 
-use super::DevelopError;
+use super::error::DevelopError;
 use crate::colour::{self, CHECKER_PATCHES, FIRST_NM, Illuminant, LAST_NM};
 use crate::sensor::Sensor;
 

@@ -1,9 +1,11 @@
 //! Memory of the executor's queues, bytes.
 
-use super::MAX_TILES_AHEAD_PER_WORKER;
 pub use super::walk::Walk;
 use crate::cuda::memory::STRIP_ROWS;
 use crate::tiling::FilmRegion;
+
+/// Tiles per worker in progress or waiting to be added, beyond those that one worker has.
+pub const MAX_TILES_AHEAD_PER_WORKER: usize = 3;
 
 /// Contributions of `contribution_bytes` computed by `threads` workers and not yet added.
 pub const fn contributions_bytes(walk: &Walk, contribution_bytes: usize, threads: usize) -> usize {

@@ -1,5 +1,6 @@
 //! Adds the contributions of tiles to the shards they reach ([`OverlapAdd`]), and recycles their buffers.
 
+use super::computed_tile::{ComputedTile, TileId, TileOutput};
 use super::overlap_add::{FinishedShard, OverlapAdd};
 use super::work::BandWork;
 use crate::buffer::{ShardPixels, TileBuffer};
@@ -8,38 +9,6 @@ use crate::geometry::Size;
 use crate::tiling::{FilmRegion, ShardId, shards_reached};
 use std::sync::Mutex;
 use std::sync::atomic::{AtomicU64, Ordering};
-
-/// Contribution of a tile.
-pub(super) enum TileOutput {
-    /// Computed by a worker.
-    Cpu(TileBuffer),
-    /// The chart could not be read: the shards that the tile reaches are dropped.
-    Unreadable,
-}
-
-/// A tile of the job: position of its band, sequence number among all tiles, row and column in the band.
-#[derive(Clone, Copy, Debug)]
-pub(super) struct TileId {
-    pub(super) position: usize,
-    pub(super) sequence: usize,
-    pub(super) tile: (usize, usize),
-}
-
-/// A computed tile.
-pub(super) struct ComputedTile {
-    place: TileId,
-    output: TileOutput,
-}
-
-impl ComputedTile {
-    /// Its values, row-major, and the number of values from one row to the next.
-    pub(super) fn pixels(&self) -> (&[f32], usize) {
-        match &self.output {
-            TileOutput::Cpu(buffer) => (&buffer.data, buffer.stride),
-            TileOutput::Unreadable => unreachable!("it is discarded, not added"),
-        }
-    }
-}
 
 /// Adds contributions in order; see the module.
 pub(super) struct OrderedAdder<'a> {

@@ -8,7 +8,7 @@
 //! the film has the same bits for any number of threads. The first tile that reaches a pixel sets it, so that shards need not be zeroed. Shards are independent of each other, so threads add to different shards at a
 //! time: the thread that submits the next tile of a shard adds it and those that wait for it; the others only queue theirs.
 
-use super::ordered_adder::ComputedTile;
+use super::computed_tile::ComputedTile;
 use crate::buffer::ShardPixels;
 use crate::geometry::Rect;
 use crate::tiling::{FilmRegion, ShardId, Tiling};

@@ -1,6 +1,6 @@
 //! Progress of a run, reported to the caller.
 
-use super::RunError;
+use super::error::RunError;
 use crate::cuda::CudaError;
 use crate::tiling::ShardId;
 

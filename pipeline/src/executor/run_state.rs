@@ -1,11 +1,12 @@
 //! State shared by all threads of a run: the parts of the scheduler, and the first error.
 
-use super::Progress;
+use super::computed_tile::{TileId, TileOutput};
 use super::error::RunError;
 use super::gpu_tasks::{ChartRead, DownloadedRows, TaskQueue};
-use super::ordered_adder::{OrderedAdder, TileId, TileOutput};
+use super::ordered_adder::OrderedAdder;
 use super::overlap_add::FinishedShard;
 use super::portion::PortionEvents;
+use super::progress::Progress;
 use super::shard_writer::ShardWriter;
 use super::signal::Signal;
 use super::tile_source::{Batch, Claim, TileSource};
@@ -92,9 +93,10 @@ impl<C: Compute, S: FilmSink> RunState<'_, C, S> {
 
     /// See [`TileSource::claim_tile`].
     pub(super) fn claim_tile(&self) -> Claim<C::Band> {
-        self.source.claim_tile(super::MAX_TILES_AHEAD_PER_WORKER * self.work.threads.max(1), &|band| {
-            self.report_band(band)
-        })
+        self.source
+            .claim_tile(super::memory::MAX_TILES_AHEAD_PER_WORKER * self.work.threads.max(1), &|band| {
+                self.report_band(band)
+            })
     }
 
     /// See [`TileSource::claim_portion`].

@@ -2,9 +2,9 @@
 //!
 //! The number of encoded shards is limited: workers wait for the disk instead of filling the memory with them.
 
-use super::Progress;
 use super::error::RunError;
 use super::overlap_add::FinishedShard;
+use super::progress::Progress;
 use super::signal::Signal;
 use crate::buffer::ShardPixels;
 use crate::clock::{Clock, Phase};

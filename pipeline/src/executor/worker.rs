@@ -2,8 +2,8 @@
 //!
 //! Shards come first, since encoding frees memory; where GPUs compute, workers claim no tiles.
 
+use super::computed_tile::{TileId, TileOutput};
 use super::gpu_tasks::{ChartRead, DownloadedRows};
-use super::ordered_adder::{TileId, TileOutput};
 use super::overlap_add::FinishedShard;
 use super::run_state::RunState;
 use super::shard_writer::Encoded;

@@ -16,10 +16,12 @@ mod partition;
 mod plan;
 mod round;
 mod schedule;
+mod tile;
 mod touching;
 
 pub use partition::{Partition, gpu_blocks};
 pub use plan::{PsfPlan, PsfPlanner};
+pub use tile::PsfTile;
 
 use crate::cuda::handle::CudaStream;
 use crate::cuda::kernel_timer::KernelTimer;
@@ -27,7 +29,7 @@ use crate::cuda::memory::MAX_TILES;
 use crate::cuda::slice::{CudaSlice, CudaViewMut, DeviceMemory, DeviceMemoryMut};
 use crate::cuda::upload_ring::UploadRing;
 use crate::cuda::{CudaError, Device};
-use crate::geometry::{Frame, Rect};
+use crate::geometry::Frame;
 use crate::psf::BandPsf;
 use crate::psf::blocks::Blocks;
 use crate::psf::grid::NodeGrid;
@@ -37,19 +39,6 @@ use launch::{Functions, Launcher};
 use plan::{PlannedRound, PlannedStep};
 use std::ops::Range;
 use std::sync::Arc;
-
-/// One tile of a batch, with the places of its input and output.
-#[derive(Clone, Copy, Debug)]
-pub struct PsfTile {
-    /// On the film.
-    pub rect: Rect,
-    /// Index of its first value in the remapped tiles; its rows follow one another.
-    pub remapped_offset: usize,
-    /// Index of the first value of its contribution, whose size is that of [`BandPsf::reaches`].
-    pub contribution_offset: usize,
-    /// Values from one row of the contribution to the next.
-    pub contribution_stride: usize,
-}
 
 /// Kernels and tables of one band on one GPU.
 #[derive(Debug)]
@@ -193,12 +182,6 @@ impl PsfOnDevice {
         launcher.add(tile_grid, (&list(&round.tiles), &list(&round.block_images)), &images, contributions)?;
         timer.stop()
     }
-}
-
-/// The words of the entries `range` of `list`.
-fn sublist<T>(list: &Range<usize>, range: &Range<usize>) -> Range<usize> {
-    let words = size_of::<T>() / 4;
-    list.start + range.start * words..list.start + range.end * words
 }
 
 /// Uploads base kernels to their pool entries, those of consecutive entries by one copy.

@@ -1,12 +1,12 @@
 //! SVPSF engines: one per instruction set, all of the same sums.
 
 use crate::buffer::AlignedBuf;
+use crate::psf::block_view::{BlockView, Spectra};
 use crate::psf::blocks::Blocks;
 use crate::psf::grid::NodeGrid;
 use crate::psf::portable::{self, Portable};
 #[cfg(target_arch = "x86_64")]
 use crate::psf::simd::{self, Columns};
-use crate::psf::{BlockView, Spectra};
 #[cfg(target_arch = "x86_64")]
 use crate::simd::{Avx2, Avx512};
 use crate::simd::{Isa, Simd};

@@ -5,9 +5,9 @@
 //! transposed, column by column: (F/2 + 1) × F complex, scaled by 1/F².
 
 use crate::buffer::AlignedBuf;
+use crate::psf::block_view::{BlockView, Spectra};
 use crate::psf::blocks::Blocks;
 use crate::psf::grid::{Node, NodeGrid, NodeWeight};
-use crate::psf::{BlockView, Spectra};
 use num_complex::Complex32;
 use realfft::{ComplexToReal, RealFftPlanner, RealToComplex};
 use rustfft::{Fft, FftPlanner};

@@ -18,9 +18,9 @@ mod complex;
 mod fft;
 
 use crate::buffer::AlignedBuf;
+use crate::psf::block_view::{BlockView, Spectra};
 use crate::psf::blocks::Blocks;
 use crate::psf::grid::{Node, NodeGrid, NodeWeight, PolarExtent};
-use crate::psf::{BlockView, Spectra};
 use crate::real;
 use crate::simd::Simd;
 use crate::simd::lanes::{Dispatch, Lanes};

@@ -1,6 +1,6 @@
 //! Rectangles of a chart that extend beyond it.
 
-use super::resize_exact;
+use crate::buffer::resize_exact;
 use crate::flow::{ChartSource, SourceSinkError};
 use crate::geometry::Rect;
 use crate::resample::Surround;

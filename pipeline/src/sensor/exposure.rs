@@ -1,6 +1,7 @@
 //! What one frame is taken with, and the time that a percentile of its pixels fits.
 
-use super::{NoiseSet, Sensor};
+use super::figures::NoiseSet;
+use super::model::Sensor;
 
 /// What one frame is taken with.
 #[derive(Clone, Copy, Debug, PartialEq)]

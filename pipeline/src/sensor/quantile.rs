@@ -9,8 +9,10 @@
 
 #![allow(clippy::excessive_precision, reason = "coefficients as published")]
 
-use super::LANES;
 use std::f64::consts::LN_2;
+
+/// Pixels of a row that are computed together.
+pub const LANES: usize = 128;
 
 /// Means from here on use the asymptotic quantile.
 const POISSON_EXACT_BELOW: f64 = 32.0;

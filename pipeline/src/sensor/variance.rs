@@ -10,12 +10,12 @@
 //! ```
 //!
 //! The first three differ between frames, the last between pixels of a die; 1/12 DN² is the rounding to whole DN. A noise that is off has no share.
-//! The terms are the rows of [`NoiseFigures::TABLE`](super::NoiseFigures::TABLE).
+//! The terms are the rows of [`NoiseFigures::TABLE`](super::figures::NoiseFigures::TABLE).
 //! Source: EMVA 1288 Release 4.0 Linear, section 2, with the terms of rows and columns that this sensor has.
 //! Left out: saturation, which reduces the variance near white.
 
-use super::figures::{Over, Quantity};
-use super::{NoiseSet, Sensor};
+use super::figures::{NoiseSet, Over, Quantity};
+use super::model::Sensor;
 
 /// Variance of a pixel's charge, e-².
 #[derive(Clone, Copy, Debug, PartialEq)]

@@ -4,7 +4,7 @@
 //! dP_gF of a model glass; semi-diameter (sd) or diameter; aperture radius; obscuration radius; conic (k); ideal f (focal length of an ideal thin lens); a2, a4, a6, … and a1, a3, … of the asphere, the coefficients
 //! of rⁿ. A unit in brackets must be that of the table. Columns for people (note, element, type) are skipped; others are ignored with a note.
 
-use super::Line;
+use super::line::Line;
 use super::units::{self, Unit};
 use crate::design::error::LensFileError;
 

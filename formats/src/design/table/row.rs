@@ -1,7 +1,7 @@
 //! Rows of a lens table: surfaces.
 
-use super::Line;
 use super::columns::{Column, Columns};
+use super::line::Line;
 use crate::design::draft::{Draft, DraftSurface, MAX_SURFACES};
 use crate::design::error::LensFileError;
 use pipeline::design::glass::Glass;

@@ -4,8 +4,8 @@
 //! one of field deg, object height, paraxial image height, real image height, each with its values; wavelengths nm; weights; primary nm; object
 //! distance; aiming (real, paraxial); object space (telecentric); focal length (as printed: it is compared).
 
-use super::Line;
 use super::columns::plain;
+use super::line::Line;
 use super::units::{self, Unit};
 use crate::design::draft::Draft;
 use crate::design::error::LensFileError;

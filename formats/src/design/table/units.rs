@@ -2,7 +2,7 @@
 //!
 //! Values are read in the unit of the table, degrees or nm. A name with another unit is an error, not a conversion.
 
-use super::Line;
+use super::line::Line;
 use crate::design::error::LensFileError;
 
 /// A unit by its name.

@@ -1,9 +1,9 @@
 //! Convolutions of the planes of a tile with the kernels of a depth node.
 
 use super::{Composite, CompositeScratch};
+use crate::buffer::resize_exact;
 use crate::depth::planes::Planes;
 use crate::geometry::Rect;
-use crate::remap::resize_exact;
 
 impl Composite<'_> {
     /// Adds the convolution of `value` (by index in the planes) with the kernels of `node` on `tile` to `to`.

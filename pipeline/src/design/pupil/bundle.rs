@@ -7,7 +7,6 @@
 //! Compared with Huygens sums of a Double Gauss the window for 99 % of the light is within 15 %.
 //! Source: Born & Wolf, 8.5.2 (encircled energy); Clark, Howard & Freniere, Appl. Opt. 23, 353 (1984), equation for large radii.
 
-use super::illumination::{FieldLight, light_of};
 use super::openings::Pupil;
 use crate::design::prescription::error::DesignError;
 use crate::design::rays::ray::{Clip, ImageRay, Tracer};
@@ -51,14 +50,6 @@ impl Bundle {
             let chief = tracer.ray(tan, 0.0, 0.0)?;
             Ok(Self { tan, wavelength_um: tracer.wavelength_um, chief, rays, is_hidden })
         })
-    }
-
-    /// Irradiance and solid angle of the field point.
-    ///
-    /// # Errors
-    /// The chief ray does not reach the image.
-    pub fn light(&self, tracer: &Tracer<'_>) -> Result<FieldLight, DesignError> {
-        light_of(tracer, self.tan, self.rays.iter().map(|(w, r)| (*w, r)))
     }
 
     /// Estimated share of the light outside the square of `half_um` to either side of the chief ray.

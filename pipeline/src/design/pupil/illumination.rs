@@ -52,6 +52,16 @@ pub fn field_light(tracer: &Tracer<'_>, tan: f64) -> Result<FieldLight, DesignEr
     Bundle::trace(tracer, tan, 7, 9)?.light(tracer)
 }
 
+impl Bundle {
+    /// Irradiance and solid angle of the field point.
+    ///
+    /// # Errors
+    /// The chief ray does not reach the image.
+    pub fn light(&self, tracer: &Tracer<'_>) -> Result<FieldLight, DesignError> {
+        light_of(tracer, self.tan, self.rays.iter().map(|(w, r)| (*w, r)))
+    }
+}
+
 /// Light of the field point at tan(field angle) `tan` from rays over half its pupil with their quadrature weights.
 pub(super) fn light_of<'r>(
     tracer: &Tracer<'_>,

@@ -1,9 +1,9 @@
 //! Device memory of the PSF stage, computed without a device: blocks, images and lists of a round, and the pools of spectra and base
 //! kernels.
 
-use super::PsfTile;
 use super::partition::Partition;
 use super::round::{MAX_GROUP_NODES, Round};
+use super::tile::PsfTile;
 use crate::geometry::{Frame, Rect, Size};
 use crate::psf::grid::NodeGrid;
 

@@ -10,7 +10,7 @@ use super::lru_pool::LruPool;
 use super::partition::Partition;
 use super::round::Round;
 use super::schedule::{Schedule, ScheduleStep};
-use super::{PsfTile, sublist};
+use super::tile::PsfTile;
 use crate::cuda::CudaError;
 use crate::cuda::kernel_timer::{HostTimes, timed};
 use crate::geometry::Frame;
@@ -257,6 +257,12 @@ fn too_small(device: usize, what: &str, requested: usize, available: usize) -> C
         free_bytes,
         total_bytes: free_bytes,
     }
+}
+
+/// The words of the entries `range` of `list`.
+fn sublist<T>(list: &Range<usize>, range: &Range<usize>) -> Range<usize> {
+    let words = size_of::<T>() / 4;
+    list.start + range.start * words..list.start + range.end * words
 }
 
 #[cfg(test)]

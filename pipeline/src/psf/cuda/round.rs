@@ -5,9 +5,9 @@
 //! may meet, do not delay all others. Block, group and kernel part of each term of a pixel's sum, and their order, follow from the
 //! tile alone.
 
-use super::PsfTile;
 use super::descriptors::{Block, BlockImages, Job, KernelPart, Tile, Weight};
 use super::partition::{Partition, packed_width};
+use super::tile::PsfTile;
 use super::touching::touching;
 use crate::geometry::{Frame, Rect};
 use crate::psf::grid::{Node, NodeGrid};

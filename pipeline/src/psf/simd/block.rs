@@ -13,7 +13,7 @@
 //! Source: Martucci, IEEE Trans. Signal Processing 42 (1994) 1038 (skew-circular convolution).
 
 use super::complex::Complex;
-use crate::psf::BlockView;
+use crate::psf::block_view::BlockView;
 use crate::psf::grid::NodeWeight;
 use crate::psf::kernel::NEGLIGIBLE_SAMPLE;
 use crate::psf::polar::{ATAN, BlockPlace, SECANT};

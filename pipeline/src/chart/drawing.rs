@@ -18,7 +18,7 @@ pub struct EdgeSite {
 }
 
 /// A chart being drawn. All lengths are chart pixels, all points (x, y).
-pub(super) struct Sheet {
+pub(super) struct Drawing {
     pub(super) film: Size,
     pub(super) margin: usize,
     pub(super) inks: Inks,
@@ -28,7 +28,7 @@ pub(super) struct Sheet {
     pub(super) patches: Vec<Rect>,
 }
 
-impl Sheet {
+impl Drawing {
     pub(super) fn new(film: Size, margin: usize, inks: Inks) -> Self {
         let chart = Size::new(film.height + 2 * margin, film.width + 2 * margin);
         // Ink 0, the first that a drawing allocates, is the paper.

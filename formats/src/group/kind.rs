@@ -1,0 +1,39 @@
+//! The kinds of groups.
+
+use std::fmt;
+
+/// Kind of a group.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum GroupKind {
+    /// The image that a lens forms on the sensor plane.
+    Film,
+    /// The digital numbers of a sensor.
+    Raw,
+}
+
+impl GroupKind {
+    /// Attribute `schema`.
+    pub const fn schema(self) -> &'static str {
+        match self {
+            Self::Film => "lenscube/film/1",
+            Self::Raw => "lenscube/raw/1",
+        }
+    }
+
+    /// The command that makes such groups.
+    pub(super) const fn command(self) -> &'static str {
+        match self {
+            Self::Film => "run",
+            Self::Raw => "sensor",
+        }
+    }
+}
+
+impl fmt::Display for GroupKind {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        f.write_str(match self {
+            Self::Film => "film",
+            Self::Raw => "raw",
+        })
+    }
+}

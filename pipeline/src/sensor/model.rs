@@ -1,0 +1,168 @@
+//! What a sensor is: pixels, noises, converter, mosaic, and the figures that follow from them.
+
+use super::curve::Curve;
+use super::figures::{NoiseFigures, NoiseSet};
+use super::quantile;
+
+/// What a quantum efficiency is stated for.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum QuantumEfficiencyOf {
+    /// A pixel of area pitch², its microlens included.
+    Pixel,
+    /// The photodiode alone, of area aperture².
+    Aperture,
+}
+
+/// A pixel.
+#[derive(Clone, Debug, PartialEq)]
+pub struct Pixel {
+    /// Centre-to-centre distance, µm.
+    pub pitch_um: f64,
+    /// (rows, columns) of the sensor, if it has a size of its own.
+    pub size: Option<(usize, usize)>,
+    /// Side of the light-sensitive square, centred, µm.
+    pub aperture_um: f64,
+    /// What the quantum efficiency is stated for.
+    pub quantum_efficiency_of: QuantumEfficiencyOf,
+    /// Electrons that it holds.
+    pub full_well_e: f64,
+    /// Dark current at the reference temperature, e-/s.
+    pub dark_current_e_per_s: f64,
+    /// Reference temperature, °C.
+    pub dark_reference_c: f64,
+    /// Rise of temperature that doubles the dark current, K.
+    pub dark_doubling_k: f64,
+}
+
+/// The converter.
+#[derive(Clone, Debug, PartialEq)]
+pub struct Adc {
+    /// Bits, at most 16.
+    pub bits: u32,
+    /// Digital numbers per electron at gain 1.
+    pub gain_dn_per_e: f64,
+    /// Digital number of no charge.
+    pub black_dn: f64,
+    /// Gains that the sensor has; any if empty.
+    pub gains: Vec<f64>,
+    /// ISO of gain 1.
+    pub base_iso: Option<f64>,
+}
+
+/// A kind of filter of the mosaic.
+#[derive(Clone, Debug, PartialEq)]
+pub struct Channel {
+    /// Its name in the pattern.
+    pub name: String,
+    /// The colour plane that it belongs to.
+    pub plane: String,
+    /// Quantum efficiency over wavelength, or quantum efficiency times wavelength (nm) where `per_energy`.
+    pub curve: Curve,
+}
+
+/// A sensor.
+#[derive(Clone, Debug, PartialEq)]
+pub struct Sensor {
+    /// Its name.
+    pub name: String,
+    /// What it is.
+    pub description: String,
+    /// Its pixels.
+    pub pixel: Pixel,
+    /// Its noises.
+    pub noise: NoiseFigures,
+    /// Its converter.
+    pub adc: Adc,
+    /// The filters of its mosaic.
+    pub channels: Vec<Channel>,
+    /// Whether the channels' curves are per unit of energy: quantum efficiency times wavelength.
+    pub per_energy: bool,
+    /// Transmittances of the filters before all pixels.
+    pub filters: Vec<Curve>,
+    /// Channel of each pixel of a period.
+    pub pattern: Pattern,
+}
+
+/// The mosaic: channel numbers over one period.
+#[derive(Clone, Debug, PartialEq, Eq)]
+pub struct Pattern {
+    /// Rows of a period.
+    pub rows: usize,
+    /// Columns of a period.
+    pub columns: usize,
+    /// Channel numbers, row by row.
+    pub channels: Vec<usize>,
+}
+
+impl Pattern {
+    /// Channel of the sensor pixel (`row`, `column`).
+    pub fn channel(&self, row: usize, column: usize) -> usize {
+        self.channels[row % self.rows * self.columns + column % self.columns]
+    }
+}
+
+impl Sensor {
+    /// Area that the quantum efficiency is stated for, m².
+    pub fn area_m2(&self) -> f64 {
+        let side = match self.pixel.quantum_efficiency_of {
+            QuantumEfficiencyOf::Pixel => self.pixel.pitch_um,
+            QuantumEfficiencyOf::Aperture => self.pixel.aperture_um,
+        };
+        side * side * 1e-12
+    }
+
+    /// Largest digital number.
+    pub fn max_dn(&self) -> f64 {
+        ((1u32 << self.adc.bits) - 1).into()
+    }
+
+    /// Charge at which the well or the converter ends, whichever is first, e-.
+    pub fn saturation_e(&self, gain: f64) -> f64 {
+        let converter = (self.max_dn() - self.adc.black_dn) / (gain * self.adc.gain_dn_per_e);
+        self.pixel.full_well_e.min(converter)
+    }
+
+    /// Digital number of saturation.
+    pub fn white_dn(&self, gain: f64) -> f64 {
+        (self.adc.black_dn + gain * self.adc.gain_dn_per_e * self.saturation_e(gain) + 0.5).floor()
+    }
+
+    /// Dark current at a temperature (the reference's if none), e-/s.
+    pub fn dark_current_e_per_s(&self, temperature_c: Option<f64>) -> f64 {
+        let p = &self.pixel;
+        let above = temperature_c.unwrap_or(p.dark_reference_c) - p.dark_reference_c;
+        p.dark_current_e_per_s * quantile::exp(above / p.dark_doubling_k * std::f64::consts::LN_2)
+    }
+
+    /// Standard deviation of a pixel in the dark over pixels and frames, DN, rounding included.
+    pub fn dark_sigma_dn(&self, gain: f64, seconds: f64, temperature_c: Option<f64>) -> f64 {
+        let dark_e = self.dark_current_e_per_s(temperature_c) * seconds;
+        let variance = self.noise_variance(NoiseSet::ALL, gain, dark_e, dark_e);
+        gain * self.adc.gain_dn_per_e * variance.total_e2().sqrt()
+    }
+
+    /// Ratio of saturation to the temporal noise of the dark at gain 1 and no exposure.
+    pub fn dynamic_range(&self) -> f64 {
+        let noise_e = self.noise_variance(NoiseSet::ALL, 1.0, 0.0, 0.0).temporal_e2().sqrt();
+        self.saturation_e(1.0) / noise_e
+    }
+
+    /// Colour planes: R, G, B first, then the others in the order of the pattern.
+    pub fn planes(&self) -> Vec<&str> {
+        let mut planes: Vec<&str> =
+            ["R", "G", "B"].into_iter().filter(|p| self.channels.iter().any(|c| c.plane == *p)).collect();
+        for channel in &self.channels {
+            if !planes.contains(&channel.plane.as_str()) {
+                planes.push(&channel.plane);
+            }
+        }
+        planes
+    }
+
+    /// Number of each channel's plane in [`Sensor::planes`].
+    pub fn plane_of_channels(&self) -> Vec<usize> {
+        let planes = self.planes();
+        let of = |c: &Channel| planes.iter().position(|p| *p == c.plane).unwrap_or_default();
+        self.channels.iter().map(of).collect()
+    }
+}
