@@ -161,7 +161,7 @@ fn in_order_of_names(attributes: Vec<(&'static str, AttributeValue)>) -> HashMap
     loop {
         let pairs = attributes.iter().map(|(name, value)| (Text::new_or_panic(name), value.clone()));
         let map: HashMap<Text, AttributeValue> = pairs.collect();
-        if map.keys().zip(&attributes).all(|(key, (name, _))| key.eq(*name)) {
+        if map.keys().zip(&attributes).all(|(key, (name, _))| key.eq(name)) {
             return map;
         }
     }
