@@ -107,6 +107,9 @@ def write_charts(place):
         Image.fromarray((cube[:, :, k] * 65535).astype("u2")).save(place / f"cave-png/scene_ms_{k + 1:02d}.png")
     with OpenEXR.File({"compression": OpenEXR.ZIP_COMPRESSION, "type": OpenEXR.scanlineimage}, {f"w{nm:.0f}nm": np.ascontiguousarray(cube[:, :, k]) for k, nm in enumerate(NM)}) as exr:
         exr.write(str(place / "kaist.exr"))
+    rgb = {f"ViewLayer.Combined.{c}": np.ones((64, 64), np.float32) for c in "RGBA"}
+    with OpenEXR.File({"compression": OpenEXR.ZIP_COMPRESSION, "type": OpenEXR.scanlineimage}, rgb) as exr:
+        exr.write(str(place / "blender.exr"))
     rgba = np.random.default_rng(1).integers(0, 256, (64, 64, 4), np.uint8)
     rgba[..., 3] = 255
     Image.fromarray(rgba).save(place / "photo.png")
@@ -136,6 +139,10 @@ def inputs(place):
     run("folder of PNG", "cave-png", *GIVEN, err=["in this order: scene_ms_01.png", "integers"])
     run("folder of PNG without wavelengths", "cave-png", code=2, err=["--wavelengths"])
     run("OpenEXR", "kaist.exr")
+    for dtype in ("i2", "i4", "u4"):
+        np.save(place / f"{dtype}.npy", (1000 * np.random.default_rng(2).random((len(NM), 64, 64))).astype(dtype))
+        run(f"npy of {dtype}", f"{dtype}.npy", *GIVEN, "--axes", "wavelength,y,x", err=["integers"])
+    task("chart of an OpenEXR of a renderer", ["chart", "image", "blender.exr", "blender.zarr", "--film-pitch-um", "2"], place, err=["layer ViewLayer.Combined"])
     for picture in ("photo.png", "photo.jpg"):
         task(f"chart of {picture}", ["chart", "image", picture, f"{picture}.zarr", "--pitch-um", "2"], place)
     task("transparent picture", ["chart", "image", "transparent.png", "no.zarr"], place, code=1, err=["alpha"])

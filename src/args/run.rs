@@ -43,7 +43,7 @@ pub struct RunArgs {
     /// Shape of a raw chart, stored band after band, or in the order of --axes
     #[arg(long, value_name = "BANDS,ROWS,COLUMNS", requires = "chart_dtype", help_heading = "Chart")]
     pub chart_shape: Option<String>,
-    /// Sample type of a raw chart: u8, u16, f16, f32 or f64; prefix `>` for big-endian; or NumPy's u1, u2, f2, f4, f8
+    /// Sample type of a raw chart: u8, u16, f16, f32 or f64; prefix `>` for big-endian; or NumPy's u1, u2, u4, i2, i4, f2, f4, f8
     #[arg(long, value_name = "TYPE", requires = "chart_shape", help_heading = "Chart")]
     pub chart_dtype: Option<String>,
     /// Axes of the chart's array, slowest first, where names of dimensions do not give them: y,x,wavelength (Zarr, HDF5, .npy, raw; of a

@@ -147,7 +147,7 @@ pub fn place(
 }
 
 /// As many nodes as [`place`] needs, at about its vergences, without its checks: C is measured at the probing vergences and in some cells, where the blur
-/// radius is at most [`MEASURED_UM`]; beyond it the density of nodes is that of the last one.
+/// radius is at most 120 µm; beyond it the density of nodes is that of the last one.
 ///
 /// # Errors
 /// A ray that does not reach the image.
