@@ -1,4 +1,4 @@
-//! Command-line arguments, one module per command. [`crate::job`] resolves those of a job.
+//! Command-line arguments: a module per command or group of commands (`plan` in `work`, `verify` in `status`, `view` in `pyramid`), and parts that several have. The layout of help: `help`. [`crate::job`] resolves those of a job.
 
 mod bands;
 mod bench;

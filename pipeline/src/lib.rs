@@ -32,7 +32,8 @@
 //! Other modules: [`design`] makes the tables and PSFs of a lens from its prescription by ray tracing, in layers (prescription, rays, pupil,
 //! figures, PSF, tables); lens files are read by the package `formats`. [`chart`] draws test charts
 //! ([`colour`], [`reflectance`], [`wavelengths`]); [`measure`] measures edges, points and profiles; [`figures`] summarises a lens;
-//! [`bounds`] has the bounds of all input numbers; [`clock`] counts the time of each stage; [`simd`] selects an instruction set; [`real`] has
+//! [`tiling`] divides film and bands into tiles and shards, [`buffer`] holds the light of a tile, [`geometry`] has rectangles and the film frame, [`options`] what a job asks of
+//! the physics. [`bounds`] has the bounds of all input numbers; [`clock`] counts the time of each stage; [`simd`] selects an instruction set; [`real`] has
 //! functions whose bits do not depend on the host; [`cuda`] opens GPUs and holds their memory; [`mod@bench`] holds the baselines of benchmarks.
 //!
 //! # Adding a stage
@@ -43,9 +44,11 @@
 //! - a variant of [`stage::Stage`] and its row in `stages/description.rs`: name and help of the switch, identity, engines, reach, memory, cost;
 //!   `--stages`, `status`, the memory plan and forecasts are made from the row;
 //! - [`band`]: `BandStages`, what [`stages`] computes of a tile, and `clock::Phase` if its time is counted by itself;
-//! - if GPUs have it: a `.cu` file beside the module (`scripts/ptx` compiles it to `pipeline/ptx`), `stages/cuda/band.rs`,
-//!   `tests/emulated_cuda/modules.cpp`;
-//! - tests: `tests/oracle/` of this package, `tests/golden/make_golden.py`.
+//!   What a worker keeps in memory follows from the row; the margin of tiles is half the PSF window ([`tiling`]), which a stage that reads further must enlarge;
+//! - surfaces at several distances have a computation of their own ([`depth`]): the row says whether the stage is part of it, else a job with both is an error;
+//! - if GPUs have it: a `.cu` file (`scripts/ptx` compiles it to `pipeline/ptx`), its name in `cuda/ptx.rs`, a launcher beside its module, `stages/cuda/band.rs`, its bytes in
+//!   `cuda/memory.rs`, and its kernel among those of the verdict (`src/device/verdict.rs`);
+//! - tests: `tests/oracle/` of this package, the model in `tests/golden/reference.py` with `make_golden.py`; the snapshots of help; `model.md` and `limits.md` of the guide.
 //!
 //! Chart formats and codecs: head of the package `formats`.
 //!
@@ -58,7 +61,7 @@
 //!   tile: the tile and its tail.
 //! - **ideal height**: f·tan(field angle). **real height**: where the chief ray lands. Both in mm from the axis.
 //! - **node**: a grid point of the PSF field (height, azimuth). **kernel**: its PSF integrated over film pixels. **spectrum**: the kernel's Fourier
-//!   transform. **weight**: a node's bilinear share at a pixel. **PSF window**: the support of a kernel in film pixels.
+//!   transform. **weight**: a node's bilinear share at a pixel. **PSF window**: the support of a kernel in film pixels. **margin**: half of it, around a tile or the film.
 //!   **stack**: the PSFs of a band at all heights. **gain** of a band: the factor of its chart values (film units); of a sensor: that of its converter.
 //! - **tile**: unit of computing (about 512 px). **block**: unit of a Fourier transform. **shard**: a stored file of the film. **chunk**: a compressed part
 //!   of a store. **strip**: consecutive rows that are in memory together. **walk**: the order in which workers compute the tiles of a band.
@@ -66,7 +69,8 @@
 //!   one process computes. **run**: one execution of a command on a film. **plan** (`lenscube plan`): the division of a job into units. **band plan**
 //!   ([`band::BandPlan`]): tables, tiles and blocks of a band before a pixel is computed. **forecast**: bytes and seconds of a run, told before it. **position**: the place of a
 //!   band in a job, from 0.
-//! - **batch**, **queue**, **worker**: tiles sent to a GPU together; the order of work of one device; a thread. **portion**: rows of shards of a band that one
+//! - **item**, **batch**: what one claim computes, a tile or on GPUs a row of shards; consecutive items that are claimed together, for a GPU the tiles sent to it together.
+//!   **queue**, **worker**: the order of work of one device; a thread. **portion**: rows of shards of a band that one
 //!   GPU computes. **claim**, **requeue**, **commit**: take a tile or a portion to compute it; return it after a failure; make a shard visible.
 //! - **engine**: an implementation of the arithmetic: avx512, avx2, portable, cuda-sm_NN. **fault**: an error injected by a test.
 

@@ -80,6 +80,13 @@ pub(super) fn one_of<T: Copy + Send + Sync>(choices: Choices<T>) -> impl TypedVa
     })
 }
 
+/// Help of `--stages`: what the stages do.
+pub(super) fn stages_help() -> String {
+    let helps: Vec<String> =
+        DESCRIPTIONS.iter().map(|d| d.help.to_lowercase().replace("psf", "PSF")).collect();
+    format!("Stages to apply: {}", helps.join(", "))
+}
+
 /// Parses the name of a stage.
 pub(super) fn stage() -> impl TypedValueParser<Value = Stage> {
     let names = DESCRIPTIONS.iter().map(|d| PossibleValue::new(d.name).help(d.help));

@@ -1,6 +1,8 @@
 //! Arguments of a job (`lenscube run`, `lenscube plan`).
 
-use super::choices::{CODEC, DTYPE, INTERP, NAN, OUTSIDE, SURROUND, default_stages, one_of, stage};
+use super::choices::{
+    CODEC, DTYPE, INTERP, NAN, OUTSIDE, SURROUND, default_stages, one_of, stage, stages_help,
+};
 use super::depth::DepthArgs;
 use super::design::DESIGN_FILES;
 use super::device::{Device, EngineArg};
@@ -65,9 +67,10 @@ pub struct RunArgs {
     /// Surfaces at several distances.
     #[command(flatten)]
     pub surfaces: DepthArgs,
-    /// Stages to apply: relative illumination, distortion, spatially variant PSF
+    /// Stages to apply
     #[arg(
         long,
+        help = stages_help(),
         value_parser = stage(),
         value_delimiter = ',',
         default_value = default_stages(),

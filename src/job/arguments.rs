@@ -44,6 +44,13 @@ impl<'a> Arguments<'a> {
                 "--depth requires the stage svpsf; `--depth none` ignores the distances of the chart",
             ));
         }
+        let flat_only = described(Stages::of(&given.stages)).find(|stage| !stage.with_depth);
+        if let Some(stage) = flat_only.filter(|_| has_depth) {
+            return Err(usage(format!(
+                "the stage {} is not computed for surfaces at several distances; leave it out of --stages, or give --depth none",
+                stage.name
+            )));
+        }
         let film = film_engine::existing(&given.film, given.process.overwrite)?;
         let film_engine = film.as_ref().and_then(film_engine::recorded);
         let check_input = given.check_input || film.as_ref().is_some_and(has_content_digest);

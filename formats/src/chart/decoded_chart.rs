@@ -1,4 +1,4 @@
-//! Charts whose bands are decoded once, by several threads, to a temporary file from which they are read: pictures, TIFF, chunked
+//! Charts whose bands are decoded once, by several threads, to a temporary file from which they are read: pictures, TIFF, OpenEXR, chunked
 //! arrays of HDF5.
 //!
 //! A [`BandDecoder`] gives the stored samples of the requested bands. Integers all of which are valid are stored as they are, and converted when

@@ -24,7 +24,9 @@ pub struct Description {
     pub always_in_identity: bool,
     /// Whether GPUs compute it; else a job with it is computed on the CPU.
     pub on_gpus: bool,
-    /// Film pixels around a tile that its light reaches.
+    /// Whether it is computed for surfaces at several distances, too; else a job with both is an error.
+    pub with_depth: bool,
+    /// Film pixels around a tile that its light reaches: rows of film that are in memory. The margin of tiles is that of the PSF (`tiling`).
     pub reach_px: fn(&BandPlan) -> usize,
     /// Bytes of one worker's scratch.
     pub scratch_bytes: fn(&BandPlan) -> usize,
@@ -54,6 +56,7 @@ pub static DESCRIPTIONS: [Description; 3] = [
         on_by_default: true,
         always_in_identity: true,
         on_gpus: true,
+        with_depth: true,
         reach_px: |plan| plan.depth.as_ref().map_or(plan.tiling.margin(), |depth| depth.reach),
         scratch_bytes: |plan| {
             plan.blocks.map_or(0, |blocks| memory::scratch_bytes(&blocks, plan.lens.psf_size))
@@ -78,6 +81,7 @@ const OF_REMAP: Description = Description {
     on_by_default: true,
     always_in_identity: true,
     on_gpus: true,
+    with_depth: true,
     reach_px: |_| 0,
     scratch_bytes: |_| 0,
     table_bytes: |_| 0,
