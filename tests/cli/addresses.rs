@@ -1,10 +1,7 @@
 //! URLs with secrets, malformed environment variables of stores, file names that are not UTF-8.
-#![allow(missing_docs)]
 
-mod common;
-
-use common::test_job::TestJob;
-use common::{CommandResult, files, text};
+use crate::common::test_job::TestJob;
+use crate::common::{CommandResult, files, text};
 use std::ffi::{OsStr, OsString};
 use std::os::unix::ffi::{OsStrExt, OsStringExt};
 use std::path::PathBuf;

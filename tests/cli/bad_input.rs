@@ -1,14 +1,12 @@
 //! Invalid input: one error line, the documented exit code, and no film that looks complete.
 
 mod charts;
-#[path = "../common/mod.rs"]
-mod common;
 mod flags;
 mod inputs_kept;
 mod lens_packs;
 mod outputs;
 
-use common::{
+use crate::common::{
     CommandResult, Picture, assert_error_line, assert_exit, delta, files, identity_band, lens, lenscube,
     pixels, run, scattered, shards, text, write_pack,
 };

@@ -1,10 +1,7 @@
 //! Absurd numbers, and jobs that need more memory than allowed, are rejected in one line before anything is allocated; other jobs stay
 //! within their memory limit and near their memory plan.
-#![allow(missing_docs)]
 
-mod common;
-
-use common::{CommandResult, Noise, Picture, identity_band, lens, scattered, text, write_pack};
+use crate::common::{CommandResult, Noise, Picture, identity_band, lens, scattered, text, write_pack};
 use pipeline::geometry::Size;
 use pipeline::lens::LensBand;
 use serde_json::{Value, json};

@@ -1,9 +1,6 @@
 //! `--check-input`: charts of every kind that are changed without a change of size and modification time, and others that are touched only.
 
-#[path = "common/mod.rs"]
-mod common;
-
-use common::{
+use crate::common::{
     CommandResult, assert_error_line, assert_exit, files, identity_band, lens, run, scattered, text,
     write_pack,
 };

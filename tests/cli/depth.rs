@@ -1,8 +1,6 @@
 //! `run --depth`: a flat film where the depth is constant, the same files however the film is computed, and bad input.
 
-mod common;
-
-use common::{
+use crate::common::{
     CommandResult, Noise, Picture, assert_exit, bits, files, lenscube, pixels, run, shards, text, write_npy,
     write_pack,
 };

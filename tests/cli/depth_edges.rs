@@ -1,8 +1,6 @@
 //! Edges of surfaces: pixels that are not covered or covered in part, and what is invented behind edges.
 
-mod common;
-
-use common::{
+use crate::common::{
     CommandResult, Noise, Picture, assert_exit, bits, exr, files, lenscube, pixels, run, text, write_npy,
 };
 use pipeline::geometry::Size;

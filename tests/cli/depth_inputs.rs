@@ -1,8 +1,6 @@
 //! Files of distances: formats, interpolated edges, 16-bit floats.
 
-mod common;
-
-use common::{
+use crate::common::{
     CommandResult, Picture, assert_exit, bits, exr, lenscube, pixels, run, text, write_npy, write_pack,
 };
 use pipeline::geometry::Size;
@@ -140,10 +138,11 @@ fn largest_f16_is_infinity() {
 fn steps_of_16_bit_floats_are_reported_where_they_are_visible() {
     let inputs = Inputs::new();
     // In focus at 0.5 m; the blur radius grows by 1250 px of 0.5 µm per dioptre.
-    let band = common::identity_band(500.0, 1.0, 3);
-    let lens = pipeline::lens::Lens { object_distance_mm: Some(500.0), ..common::lens(vec![band.clone()]) };
+    let band = crate::common::identity_band(500.0, 1.0, 3);
+    let lens =
+        pipeline::lens::Lens { object_distance_mm: Some(500.0), ..crate::common::lens(vec![band.clone()]) };
     let pack = inputs.path("near.lens.zarr");
-    write_pack(&pack, &lens, vec![common::delta(&band)]);
+    write_pack(&pack, &lens, vec![crate::common::delta(&band)]);
     let raw = inputs.raw("half.raw", (0..SIDE * SIDE).map(|_| 0x3800u16.to_le_bytes().to_vec()));
     let film = |name: &str, pitch: &str| {
         let flags = ["--depth", text(&raw), "--depth-dtype", "f16", "--film-pitch-um", pitch];
@@ -258,7 +257,7 @@ fn write_scene(store: &Path, size: Size, light: Vec<f32>, distances: Vec<f32>) {
     Picture { size, bands: vec![light] }.write(store);
     let other = store.with_extension("depth");
     Picture { size, bands: vec![distances] }.write(&other);
-    for (path, bytes) in common::files(&other.join("chart")) {
+    for (path, bytes) in crate::common::files(&other.join("chart")) {
         let to = store.join("depth").join(path);
         std::fs::create_dir_all(to.parent().unwrap()).unwrap();
         std::fs::write(to, bytes).unwrap();

@@ -12,7 +12,7 @@ use pipeline::lens::{LensError, linear};
 use serde_json::Value;
 
 fn expected() -> Value {
-    serde_json::from_str(include_str!("golden/depth/nodes.json")).unwrap()
+    serde_json::from_str(include_str!("../golden/depth/nodes.json")).unwrap()
 }
 
 fn number(v: &Value, key: &str) -> f64 {

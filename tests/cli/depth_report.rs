@@ -1,8 +1,6 @@
 //! `lenscube depth`: what it finds in an array, and its forecast of slabs and cost.
 
-mod common;
-
-use common::{CommandResult, assert_exit, lenscube, text, write_npy};
+use crate::common::{CommandResult, assert_exit, lenscube, text, write_npy};
 use pipeline::geometry::Size;
 use serde_json::Value;
 use std::path::{Path, PathBuf};

@@ -1,8 +1,6 @@
 //! Scenes that bring their distances: `gen:depth-scene`, charts whose group holds them, and designs traced for the distances of a scene.
 
-mod common;
-
-use common::{CommandResult, assert_exit, bits, files, lenscube, pixels, run, text, write_npy};
+use crate::common::{CommandResult, assert_exit, bits, files, lenscube, pixels, run, text, write_npy};
 use std::path::{Path, PathBuf};
 
 const SCENE: &str = "depth-scene?size=300x240&overscan=0&near_m=0.55&far_m=4&wavelengths=500";

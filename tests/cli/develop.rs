@@ -1,8 +1,6 @@
 //! `lenscube develop`, `shoot`, `compare`, and `lenscube sensor` with files as output, from outside.
 
 mod colour;
-#[path = "../common/mod.rs"]
-mod common;
 mod compare;
 mod files;
 mod options;

@@ -1,8 +1,6 @@
 //! `lenscube export` and `lenscube chart image`: round trips of samples and pictures.
 
-mod common;
-
-use common::{Noise, Picture, bits, files, lenscube, pairs, pixels, text};
+use crate::common::{Noise, Picture, bits, files, lenscube, pairs, pixels, text};
 use formats::chart::image::{ImageFile, Transfer};
 use formats::chart::{NanPolicy, RasterChart};
 use formats::picture::image::Image;

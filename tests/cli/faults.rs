@@ -1,10 +1,8 @@
 //! Injected errors at every step of a run: documented message and exit code, no partial files, and the repeated command gives the same
 //! film.
 
-mod common;
-
-use common::test_job::TestJob;
-use common::{CommandResult, Picture, files, shards, text};
+use crate::common::test_job::TestJob;
+use crate::common::{CommandResult, Picture, files, shards, text};
 use pipeline::geometry::Size;
 use std::fs;
 use std::path::Path;
@@ -123,7 +121,7 @@ fn keep_going_writes_all_shards_that_do_not_depend_on_the_damaged_chunk() {
     let of = |band: &str| made.iter().filter(|p| p.starts_with(Path::new("film/c").join(band))).count();
     assert_eq!(of("0"), 30, "the sound band is whole");
     assert!((10..30).contains(&of("1")), "{} shards of the damaged band", of("1"));
-    let status = common::lenscube(&["status", text(&job.film), "--check"]);
+    let status = crate::common::lenscube(&["status", text(&job.film), "--check"]);
     assert!(status.code == 4 && status.stdout.contains("1 partly done (500 nm"), "{}", status.stdout);
     fs::write(&chunk, good).unwrap();
     job.run("", &["--trust-input"]).ok();
@@ -174,7 +172,7 @@ fn removed_store_exits_75() {
             "{}",
             ran.stderr
         );
-        let status = common::lenscube(&["status", text(&job.film), "--check"]);
+        let status = crate::common::lenscube(&["status", text(&job.film), "--check"]);
         assert_eq!(status.code, 4, "{}", status.stdout);
     }
     job.run("", &[]).ok();

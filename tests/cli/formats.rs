@@ -1,10 +1,7 @@
 //! Charts in files of other software (formats/tests/data/make_charts.py, make_pictures.py, make_hdf5.py): each gives the film of its Zarr twin bit for
 //! bit.
 
-#[path = "common/mod.rs"]
-mod common;
-
-use common::{
+use crate::common::{
     CommandResult, assert_error_line, assert_exit, bits, identity_band, lens, pixels, run, scattered, text,
     write_pack,
 };
@@ -91,7 +88,7 @@ fn chart_scale_is_noted_and_gives_another_job() {
     let ran = films.run(chart, &["--chart-scale", "0.25", "--overwrite"]).ok();
     assert!(ran.stderr.contains("multiplied by 0.25"), "{}", ran.stderr);
     let quarter = pixels(&films.film(chart), "film").1;
-    for (a, b) in common::pairs(&one, &quarter) {
+    for (a, b) in crate::common::pairs(&one, &quarter) {
         assert!((a * 0.25 - b).abs() <= 1e-4, "{a} {b}");
     }
     assert_exit(&films.run(chart, &["--chart-scale", "0"]), 2, &["--chart-scale"]);

@@ -1,8 +1,6 @@
 //! `lenscube lens import`: packs, error messages and exit codes.
 
-mod common;
-
-use common::{CommandResult, lenscube, text};
+use crate::common::{CommandResult, lenscube, text};
 use formats::lens::LensPack;
 use std::fs;
 use std::path::{Path, PathBuf};
@@ -63,8 +61,8 @@ fn imported_pack_is_usable_in_a_run() {
     let (out, film) = (dir.path().join("example.lens.zip"), dir.path().join("film.zarr"));
     import(&data("tables-example"), &out, &["--azimuths", "8"]).ok();
     let chart = "gen:uniform?size=64&wavelengths=500,550";
-    common::run(chart, &film, text(&out), &["--film-pitch-um", "2"]).ok();
-    let (_, bands) = common::pixels(&film, "film");
+    crate::common::run(chart, &film, text(&out), &["--film-pitch-um", "2"]).ok();
+    let (_, bands) = crate::common::pixels(&film, "film");
     assert!(bands.iter().flatten().all(|v| (v - 1.0).abs() < 1e-2), "a uniform chart near the axis stays 1");
 }
 

@@ -1,8 +1,6 @@
 //! A film does not depend on threads, memory, codec, layout, interruption or regions; films of lenses with known results.
 
-mod common;
-
-use common::{
+use crate::common::{
     Noise, Picture, bits, delta, files, identity_band, lens, lenscube, pixels, run, scattered, shards, text,
     write_pack,
 };

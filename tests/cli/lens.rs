@@ -1,12 +1,10 @@
 //! `lenscube lens trace | show | diff`, and runs whose lens is a design.
 
 mod commands;
-#[path = "../common/mod.rs"]
-mod common;
 mod design_files;
 mod runs;
 
-use common::{CommandResult, Picture, assert_exit, bits, files, lenscube, pixels, text};
+use crate::common::{CommandResult, Picture, assert_exit, bits, files, lenscube, pixels, text};
 use formats::lens::LensPack;
 use pipeline::geometry::Size;
 use serde_json::Value;

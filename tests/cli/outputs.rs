@@ -1,11 +1,8 @@
 //! Outputs of commands that end early: the files of an export appear together or not at all, old files are kept until then, temporary
 //! files are removed, and problems with temporary files and locks are reported.
-#![allow(missing_docs)]
 
-mod common;
-
-use common::test_job::TestJob;
-use common::{CommandResult, Picture, files, text};
+use crate::common::test_job::TestJob;
+use crate::common::{CommandResult, Picture, files, text};
 use pipeline::geometry::Size;
 use std::collections::BTreeMap;
 use std::os::unix::fs::symlink;
@@ -290,7 +287,7 @@ fn limit_of_file_sizes_is_an_error_that_names_limit_and_file() {
         command.args(["-c", script, env!("CARGO_BIN_EXE_lenscube"), "export", text(&chart), text(&file)]);
         let ran = CommandResult::new(&command.args(flags).output().unwrap());
         let named = if name == "a.hdr" { out.join("a.bsq") } else { file };
-        common::assert_error_line(&ran, 1, &[text(&named), "(ulimit -f) of ", " bytes is reached"]);
+        crate::common::assert_error_line(&ran, 1, &[text(&named), "(ulimit -f) of ", " bytes is reached"]);
         assert!(files(&out).is_empty(), "{name}");
     }
 }
@@ -301,5 +298,5 @@ fn full_disk_behind_standard_output_is_a_temporary_error() {
     let mut command = Command::new(env!("CARGO_BIN_EXE_lenscube"));
     let full = std::fs::File::options().write(true).open("/dev/full").unwrap();
     let ran = CommandResult::new(&command.args(["lens", "list"]).stdout(full).output().unwrap());
-    common::assert_error_line(&ran, 75, &["writing the result", "No space left"]);
+    crate::common::assert_error_line(&ran, 75, &["writing the result", "No space left"]);
 }

@@ -1,12 +1,10 @@
 //! Plans: the same film from any units, in any order, repeated or killed; and rejection of inputs that differ from the plan.
 
-#[path = "../common/mod.rs"]
-mod common;
 mod files;
 mod workers;
 
-use common::test_job::{StoppedRun, TestJob};
-use common::{CommandResult, Noise, files, lenscube, text};
+use crate::common::test_job::{StoppedRun, TestJob};
+use crate::common::{CommandResult, Noise, files, lenscube, text};
 use pipeline::geometry::Size;
 use serde_json::Value;
 use std::fs;
@@ -136,7 +134,7 @@ fn units_of_any_size_in_any_order_give_the_bytes_of_a_single_run() {
         assert!(files(&planned.place.film) == expected, "{flags:?}");
         assert_eq!(planned.missing(), "");
         assert!(planned.place.leftover_files().is_empty(), "{:?}", planned.place.leftover_files());
-        common::assert_exit(&lenscube(&["verify", text(&planned.place.film)]), 0, &["is correct"]);
+        crate::common::assert_exit(&lenscube(&["verify", text(&planned.place.film)]), 0, &["is correct"]);
     }
 }
 
@@ -158,11 +156,11 @@ fn units_of_regions_and_bands_give_the_bytes_of_a_single_run() {
 fn units_are_given_by_list_or_environment_variable() {
     let planned = Planned::new(place(), &["--unit-rows", "1"]);
     assert_eq!(planned.missing(), "0-15");
-    common::assert_exit(&planned.run("3-5,12", &[]), 0, &["32 shards"]);
+    crate::common::assert_exit(&planned.run("3-5,12", &[]), 0, &["32 shards"]);
     assert_eq!(planned.missing(), "0-2,6-11,13-15");
     for (name, value) in [("SLURM_ARRAY_TASK_ID", "0"), ("JOB_COMPLETION_INDEX", "15"), ("MINE", "1-2,6")] {
         let ran = planned.worker(&format!("env:{name}"), &[]).env(name, value).output().unwrap();
-        common::assert_exit(&CommandResult::new(&ran), 0, &[]);
+        crate::common::assert_exit(&CommandResult::new(&ran), 0, &[]);
     }
     let missing = planned.missing();
     assert_eq!(missing, "7-11,13-14");
@@ -174,26 +172,26 @@ fn units_are_given_by_list_or_environment_variable() {
         ("seven", &["`seven` is not a unit"]),
         ("env:NOT_SET_HERE", &["NOT_SET_HERE is not set"]),
     ] {
-        common::assert_exit(&planned.run(unit, &[]), USAGE, words);
+        crate::common::assert_exit(&planned.run(unit, &[]), USAGE, words);
     }
     let ran = planned.worker("env:MINE", &[]).env("MINE", "40").output().unwrap();
-    common::assert_exit(
+    crate::common::assert_exit(
         &CommandResult::new(&ran),
         USAGE,
         &["env:MINE, which is `40`", "there is no unit 40"],
     );
-    common::assert_exit(&lenscube(&["run", "--unit", "3", "a", "b"]), USAGE, &["--plan"]);
-    common::assert_exit(&planned.run("3", &["--overwrite"]), USAGE, &["--overwrite", "--plan"]);
+    crate::common::assert_exit(&lenscube(&["run", "--unit", "3", "a", "b"]), USAGE, &["--plan"]);
+    crate::common::assert_exit(&planned.run("3", &["--overwrite"]), USAGE, &["--overwrite", "--plan"]);
     let status_with = |flags: &[&str]| lenscube(&[&["status", "--plan", text(&planned.job)], flags].concat());
-    common::assert_exit(&status_with(&["--missing", "--check"]), WRONG, &[&missing]);
-    common::assert_exit(&status_with(&["--check"]), WRONG, &["units   9 of 16; missing 7-11,13-14"]);
+    crate::common::assert_exit(&status_with(&["--missing", "--check"]), WRONG, &[&missing]);
+    crate::common::assert_exit(&status_with(&["--check"]), WRONG, &["units   9 of 16; missing 7-11,13-14"]);
     let status: Value = serde_json::from_str(&status_with(&["--json"]).ok().stdout).unwrap();
     assert_eq!(status["units"], serde_json::json!({ "all": 16, "done": 9, "missing": missing }));
     // The printed list is a valid argument.
-    common::assert_exit(&planned.run(&missing, &[]), 0, &[]);
+    crate::common::assert_exit(&planned.run(&missing, &[]), 0, &[]);
     let done = status_with(&["--missing", "--check"]).ok();
     assert_eq!(done.stdout, "");
-    common::assert_exit(&status_with(&["--check"]), 0, &["units   16 of 16"]);
+    crate::common::assert_exit(&status_with(&["--check"]), 0, &["units   16 of 16"]);
 }
 
 #[test]
@@ -235,7 +233,7 @@ fn design_gives_the_same_film_from_shared_cache_separate_cache_or_lens_pack() {
     let dir = tempfile::tempdir().unwrap();
     let at = |name: &str| dir.path().join(name);
     fs::write(at("my.zmx"), include_str!("../../formats/data/lenses/double-gauss-28.zmx")).unwrap();
-    common::Picture::noise(3, Size::new(48, 40), 2).write(&at("chart"));
+    crate::common::Picture::noise(3, Size::new(48, 40), 2).write(&at("chart"));
     let with = |cache: &str, words: &[&str]| {
         let mut command = Command::new(env!("CARGO_BIN_EXE_lenscube"));
         command.args(words).env("XDG_CACHE_HOME", at(cache)).current_dir(dir.path());
@@ -266,7 +264,7 @@ fn design_gives_the_same_film_from_shared_cache_separate_cache_or_lens_pack() {
     fs::remove_file(at("my.zmx")).unwrap();
     let ran = run("none", &["run", "--plan", "packed.json"]).ok();
     assert!(!ran.stderr.contains("trac") && entries("none") == 0, "{}", ran.stderr);
-    let pixels = |film: &str| common::bits(&common::pixels(&at(film), "film").1);
+    let pixels = |film: &str| crate::common::bits(&crate::common::pixels(&at(film), "film").1);
     assert!(pixels("packed") == pixels("whole"));
     // Another design of the same name.
     let design = include_str!("../../formats/data/lenses/double-gauss-28.zmx").replacen(
@@ -276,7 +274,7 @@ fn design_gives_the_same_film_from_shared_cache_separate_cache_or_lens_pack() {
     );
     fs::write(at("my.zmx"), design).unwrap();
     fs::remove_dir_all(at("film/film/c/0")).unwrap();
-    common::assert_exit(
+    crate::common::assert_exit(
         &run("home", &["run", "--plan", "job.json", "--unit", "0"]),
         OTHER_JOB,
         &["lens_digest"],

@@ -1,11 +1,8 @@
 //! `lenscube pyramid` of films and raws: killed and resumed, on incomplete films, as part of `run`, in `status` and `verify`.
-#![allow(missing_docs)]
 
-mod common;
-
-use common::camera::{Place, sensor};
-use common::test_job::TestJob;
-use common::{CommandResult, assert_exit, files, lenscube, text};
+use crate::common::camera::{Place, sensor};
+use crate::common::test_job::TestJob;
+use crate::common::{CommandResult, assert_exit, files, lenscube, text};
 use pipeline::geometry::Size;
 use std::path::Path;
 use std::process::Command;

@@ -1,12 +1,10 @@
 //! Films that another command replaces while a process works on them, and files that no command may replace.
 
-#[path = "../common/mod.rs"]
-mod common;
 mod overwrite;
 mod processes;
 
-use common::test_job::{StoppedRun, TestJob};
-use common::{CommandResult, files, lenscube, text};
+use crate::common::test_job::{StoppedRun, TestJob};
+use crate::common::{CommandResult, files, lenscube, text};
 use serde_json::Value;
 use std::fs;
 use std::path::Path;

@@ -1,9 +1,7 @@
 //! Locks, signals, cost of resuming; `status` and `verify`.
 
-mod common;
-
-use common::test_job::TestJob;
-use common::{CommandResult, assert_exit, files, lenscube, shards, text};
+use crate::common::test_job::TestJob;
+use crate::common::{CommandResult, assert_exit, files, lenscube, shards, text};
 use serde_json::{Value, json};
 use std::fs;
 use std::path::Path;

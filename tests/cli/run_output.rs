@@ -1,9 +1,6 @@
 //! What `run` prints before and after a film: amount of output, size of the chart on the film, forecast; and `--fit`.
-#![allow(missing_docs)]
 
-mod common;
-
-use common::{
+use crate::common::{
     CommandResult, assert_error_line, assert_exit, bits, identity_band, lens, pixels, run, scattered, text,
     write_pack,
 };
@@ -143,7 +140,7 @@ fn film_and_status_name_chart_and_lens_and_the_record_has_the_command_line() {
         serde_json::from_slice(&std::fs::read(film.join("zarr.json")).unwrap()).unwrap();
     let found = metadata.pointer("/attributes/provenance/source").expect("provenance");
     assert_eq!((&found["chart"], &found["chart_px"]["x"]), (&CHART.into(), &64.into()));
-    let status = common::lenscube(&["status", text(&film)]).ok();
+    let status = crate::common::lenscube(&["status", text(&film)]).ok();
     let line = format!("source  chart {CHART} of 64x64 px");
     assert!(status.stdout.contains(&line) && status.stdout.contains("pack.lens.zarr"), "{}", status.stdout);
     let record = std::fs::read_dir(film.join("runs")).unwrap().map(|e| e.unwrap().path());

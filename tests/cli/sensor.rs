@@ -3,8 +3,6 @@
 mod bad_input;
 mod bits;
 mod catalogue;
-#[path = "../common/mod.rs"]
-mod common;
 mod interruption;
 mod light;
 

@@ -1,10 +1,7 @@
 //! Names in files, paths and arguments that contain what a terminal obeys: no command prints them as they stand.
-#![allow(missing_docs)]
 
-mod common;
-
-use common::test_job::TestJob;
-use common::{CommandResult, files, identity_band, lens, scattered, text, write_pack};
+use crate::common::test_job::TestJob;
+use crate::common::{CommandResult, files, identity_band, lens, scattered, text, write_pack};
 use serde_json::{Value, json};
 use std::fs;
 use std::path::{Path, PathBuf};
@@ -127,7 +124,7 @@ fn commands_on_lenses_and_sensors_print_hostile_names_escaped() {
     place.names(0, &["lens", "diff", &pack, &pack]);
     // A design whose name is hostile.
     let design = place.at("design.zmx");
-    let text_of = include_str!("../formats/data/lenses/double-gauss-28.zmx");
+    let text_of = include_str!("../../formats/data/lenses/double-gauss-28.zmx");
     let named: Vec<String> = text_of
         .lines()
         .map(
@@ -142,7 +139,7 @@ fn commands_on_lenses_and_sensors_print_hostile_names_escaped() {
     place.call(&["lens", "show", text(&place.at("glass.zmx"))]);
     // A sensor.
     let quoted: String = HOSTILE.chars().map(|c| format!("\\u{:04x}", u32::from(c))).collect();
-    let sensor = include_str!("../formats/data/sensors/example-2um.toml");
+    let sensor = include_str!("../../formats/data/sensors/example-2um.toml");
     let named = |line: &str| match line.starts_with("name =") || line.starts_with("description =") {
         true => format!("{} = \"{quoted}\"\n", line.split(' ').next().unwrap()),
         false => format!("{line}\n"),

@@ -1,8 +1,6 @@
 //! `lenscube validate` and `lenscube measure`: files, output, exit codes.
 
-mod common;
-
-use common::{CommandResult, assert_exit, lenscube, text};
+use crate::common::{CommandResult, assert_exit, lenscube, text};
 use serde_json::Value;
 use std::fs;
 use std::path::Path;

@@ -1,11 +1,8 @@
 //! Server of `lenscube view`: access control, parameter checks, pixel values; shell completions and manual pages.
-#![allow(missing_docs)]
 
-mod common;
-
-use common::camera::{Place, develop, frame};
-use common::test_job::TestJob;
-use common::{lenscube, pixels, text};
+use crate::common::camera::{Place, develop, frame};
+use crate::common::test_job::TestJob;
+use crate::common::{lenscube, pixels, text};
 use formats::chart::image::{ImageFile, Transfer};
 use pipeline::geometry::Size;
 use serde_json::Value;
@@ -346,7 +343,7 @@ fn two_bands_at_one_wavelength_have_separate_tiles() {
         pitch_um: Some(2.0),
         ..formats::chart::ChartMeta::default()
     };
-    let picture = common::Picture::noise(11, pipeline::geometry::Size::new(631, 705), 2);
+    let picture = crate::common::Picture::noise(11, pipeline::geometry::Size::new(631, 705), 2);
     let codec = formats::chart::Codec::Zstd;
     formats::chart::write_chart(&job.chart, &picture, &meta, codec, 1, &|_, _| ()).unwrap();
     job.run("", &["--no-fsync", "--pyramid"]).ok();

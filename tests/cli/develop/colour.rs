@@ -1,8 +1,8 @@
 //! Colours of developed charts.
 
+use super::{CHECKER, linear};
 use crate::common::assert_exit;
 use crate::common::camera::{LENS, Place, develop};
-use crate::{CHECKER, linear};
 use formats::chart::image::Transfer;
 use pipeline::chart::Generator;
 use pipeline::colour::{Illuminant, linear_srgb_to_xyz};

@@ -1,8 +1,8 @@
 //! `lenscube compare`: two raws under the same noise.
 
+use super::{OTHER_JOB, USAGE};
 use crate::common::camera::{LENS, Place};
-use crate::common::{self, assert_exit, lenscube, text};
-use crate::{OTHER_JOB, USAGE};
+use crate::common::{assert_exit, lenscube, text};
 use pipeline::geometry::Size;
 use std::path::Path;
 
@@ -11,8 +11,8 @@ fn comparison_of_raws_finds_what_differs() {
     let place = Place::new();
     let chart = "gen:slanted-edge?size=240&pitch_um=2&wavelengths=450,550,650&angle_deg=5";
     let (sharp, blurred) = (place.at("sharp.film"), place.at("blurred.film"));
-    common::run(chart, &sharp, LENS, &["--stages", "ri"]).ok();
-    common::run(chart, &blurred, LENS, &[]).ok();
+    crate::common::run(chart, &sharp, LENS, &["--stages", "ri"]).ok();
+    crate::common::run(chart, &blurred, LENS, &[]).ok();
     let flags = ["--sensor", "example-2um", "--exposure", "5ms", "--seed", "3"];
     let (a, b) = (place.raw("a.zarr", &sharp, &flags), place.raw("b.zarr", &blurred, &flags));
     let compare = |a: &Path, b: &Path, out: &Path, more: &[&str]| {

@@ -1,8 +1,8 @@
 //! Raws as DNG, TIFF and PNG; pictures in one command.
 
+use super::{CHECKER, OTHER_JOB, USAGE, linear};
 use crate::common::camera::{LENS, Place, attributes, develop, frame};
-use crate::common::{self, assert_exit, files, lenscube, text};
-use crate::{CHECKER, OTHER_JOB, USAGE, linear};
+use crate::common::{assert_exit, files, lenscube, text};
 use formats::chart::image::Transfer;
 use pipeline::geometry::Size;
 use std::path::Path;
@@ -33,7 +33,7 @@ fn a_frame_becomes_a_file_and_resumes() {
         assert!(std::fs::read(&out).unwrap() == before);
     }
     let raw = place.raw("raw.zarr", &film, &["--sensor", "example-2um", "--exposure", "5ms"]);
-    let numbers = common::pixels(&raw, "raw").1.remove(0);
+    let numbers = crate::common::pixels(&raw, "raw").1.remove(0);
     let (_, grey) = linear(&place.at("a.png"), Transfer::Linear);
     let scale = 65535.0 / 4095.0f32;
     assert!(
@@ -67,7 +67,7 @@ fn a_shot_is_run_sensor_and_develop() {
     lenscube(&[&["shoot", chart, text(&two), "--keep", text(&kept)], &own[..]].concat()).ok();
     assert!(std::fs::read(&one).unwrap() == std::fs::read(&two).unwrap());
     let (film, raw, three) = (place.at("film.zarr"), place.at("raw.zarr"), place.at("three.png"));
-    common::run(chart, &film, LENS, &[]).ok();
+    crate::common::run(chart, &film, LENS, &[]).ok();
     lenscube(&[
         "sensor",
         text(&film),
@@ -118,7 +118,7 @@ fn a_shot_of_surfaces_at_several_distances_has_the_film_of_run() {
     let pack = Path::new(env!("CARGO_MANIFEST_DIR")).join("tests/golden/depth/packs/six-slabs.lens.zip");
     let (picture, depth, film) = (place.at("one.png"), place.at("depth.npy"), place.at("film.zarr"));
     let near = |i: usize| if (30..70).contains(&(i / 96)) { 0.55 } else { 4.0 };
-    common::write_npy(
+    crate::common::write_npy(
         &depth,
         pipeline::geometry::Size::new(96, 96),
         &(0..96 * 96).map(near).collect::<Vec<f32>>(),
@@ -127,8 +127,8 @@ fn a_shot_of_surfaces_at_several_distances_has_the_film_of_run() {
     let shot = ["shoot", chart, text(&picture), "--lens", text(&pack), "--sensor", "ideal-mono"];
     let kept = place.at("kept");
     lenscube(&[&shot[..], &["--keep", text(&kept)], &surfaces].concat()).ok();
-    common::run(chart, &film, text(&pack), &surfaces).ok();
-    assert!(common::pixels(&film, "film") == common::pixels(&kept.join("film.zarr"), "film"));
+    crate::common::run(chart, &film, text(&pack), &surfaces).ok();
+    assert!(crate::common::pixels(&film, "film") == crate::common::pixels(&kept.join("film.zarr"), "film"));
     let shading = lenscube(&[&shot[..], &["--overwrite", "--even-light", "--focus-m", "1"]].concat());
     assert_exit(&shading, USAGE, &["--even-light", "another focus"]);
 }

@@ -1,8 +1,8 @@
 //! Options of `lenscube develop`, its threads and crops, and what it refuses.
 
+use super::{CHECKER, OTHER_JOB, USAGE, linear};
 use crate::common::camera::{LENS, Place, develop};
-use crate::common::{self, assert_exit, text};
-use crate::{CHECKER, OTHER_JOB, USAGE, linear};
+use crate::common::{assert_exit, text};
 use formats::chart::image::{ImageFile, Transfer};
 use pipeline::geometry::Size;
 use std::path::{Path, PathBuf};
@@ -75,7 +75,7 @@ fn options_change_what_they_say() {
     assert!(means.iter().all(|m| (m / means[0] - 1.0).abs() < 0.02), "{means:?}");
     // A flat divides itself to an even picture.
     let flat_film = place.at("flat.film");
-    common::run(
+    crate::common::run(
         "gen:uniform?size=450x300&pitch_um=2&wavelengths=450,550,650",
         &flat_film,
         LENS,

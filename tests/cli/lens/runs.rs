@@ -274,7 +274,8 @@ fn run_with_change_after_first_shards(
     change: impl FnOnce(),
 ) -> CommandResult {
     let child = command.env("LENSCUBE_FAULT", "write:12:stop").stderr(std::process::Stdio::piped());
-    let mut run = common::test_job::StoppedRun(child.stdout(std::process::Stdio::null()).spawn().unwrap());
+    let mut run =
+        crate::common::test_job::StoppedRun(child.stdout(std::process::Stdio::null()).spawn().unwrap());
     assert!(run.wait_stopped(), "the run ended before its first shards");
     assert!(film.exists());
     change();
@@ -298,7 +299,7 @@ fn design_changed_during_the_run_exits_1() {
 
 #[test]
 fn pack_changed_during_the_run_exits_1_without_mixed_shards() {
-    use common::{identity_band, lens, scattered, write_pack};
+    use crate::common::{identity_band, lens, scattered, write_pack};
     let dir = tempfile::tempdir().unwrap();
     let at = |name: &str| dir.path().join(name);
     Picture::noise(11, Size::new(90, 100), 2).write(&at("chart"));

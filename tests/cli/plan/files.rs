@@ -20,12 +20,12 @@ fn plan_file_is_reproducible_and_never_overwritten_by_another() {
     assert_eq!(json["digest"], blake3::hash(others.as_bytes()).to_hex().as_str());
     plan(&["--unit-rows", "2"]).ok();
     assert_eq!(text_of(), first);
-    common::assert_exit(
+    crate::common::assert_exit(
         &plan(&["--unit-rows", "4", "-o", &name]),
         OTHER_JOB,
         &["another file exists", "another name"],
     );
-    common::assert_exit(&plan(&["--interp", "bilinear"]), OTHER_JOB, &["another job", "interp"]);
+    crate::common::assert_exit(&plan(&["--interp", "bilinear"]), OTHER_JOB, &["another job", "interp"]);
     // The units add up to the film.
     let sum =
         |key: &str| json["units"].as_array().unwrap().iter().map(|u| u[key].as_u64().unwrap()).sum::<u64>();
@@ -55,38 +55,42 @@ fn edited_plan_other_flags_and_other_film_exit_3() {
         ("{}\n".to_owned(), "not a digest"),
     ] {
         with(&wrong);
-        common::assert_exit(&planned.run("0", &[]), OTHER_JOB, &[words, "make it again"]);
-        common::assert_exit(
+        crate::common::assert_exit(&planned.run("0", &[]), OTHER_JOB, &[words, "make it again"]);
+        crate::common::assert_exit(
             &lenscube(&["status", "--plan", text(&planned.job), "--missing"]),
             OTHER_JOB,
             &[words],
         );
     }
     with(&signed(&good.replace("lenscube/plan/1", "lenscube/plan/9")));
-    common::assert_exit(&planned.run("0", &[]), OTHER_JOB, &["lenscube/plan/9"]);
+    crate::common::assert_exit(&planned.run("0", &[]), OTHER_JOB, &["lenscube/plan/9"]);
     let version = planned.plan["job"]["numeric_version"].as_u64().unwrap();
     let newer = format!("\"numeric_version\": {}", version + 1);
     with(&signed(&good.replace(&format!("\"numeric_version\": {version}"), &newer)));
     let words = [&format!("numeric version {}", version + 1)[..], "plan a new film"];
-    common::assert_exit(&planned.run("0", &[]), OTHER_JOB, &words);
+    crate::common::assert_exit(&planned.run("0", &[]), OTHER_JOB, &words);
     with(&good);
     // Other flags.
-    common::assert_exit(
+    crate::common::assert_exit(
         &planned.run("0", &["--interp", "bilinear"]),
         OTHER_JOB,
         &["interp (planned \"bicubic\", found \"bilinear\")"],
     );
-    common::assert_exit(
+    crate::common::assert_exit(
         &planned.run("0", &["--shard", "160"]),
         OTHER_JOB,
         &["shard (planned 80, found 160)"],
     );
-    common::assert_exit(
+    crate::common::assert_exit(
         &planned.run("0", &["--bands", "1"]),
         OTHER_JOB,
         &["chart_bands (planned [0,1], found [1])"],
     );
-    common::assert_exit(&planned.run("3", &["--bands", "1"]), OTHER_JOB, &["not the chart of the plan"]);
+    crate::common::assert_exit(
+        &planned.run("3", &["--bands", "1"]),
+        OTHER_JOB,
+        &["not the chart of the plan"],
+    );
     // Another film.
     let other = planned.place.at("other.zarr");
     CommandResult::new(&planned.place.command(&other, "", &["--interp", "bilinear"]).output().unwrap()).ok();
@@ -94,8 +98,8 @@ fn edited_plan_other_flags_and_other_film_exit_3() {
         let mut command = planned.worker("0", &[]);
         CommandResult::new(&command.arg(&planned.place.chart).arg(film).output().unwrap())
     };
-    common::assert_exit(&at(&other), OTHER_JOB, &["is not the film of", "job_digest"]);
-    common::assert_exit(
+    crate::common::assert_exit(&at(&other), OTHER_JOB, &["is not the film of", "job_digest"]);
+    crate::common::assert_exit(
         &at(&planned.place.at("nothing.zarr")),
         OTHER_JOB,
         &["found nothing", "lenscube plan"],
@@ -121,7 +125,7 @@ fn moved_or_touched_chart_exits_3_and_a_chart_at_another_path_is_accepted() {
     assert!(gone.stderr.contains("chart.zarr"), "{}", gone.stderr);
     // The same files under another name, and the film by a relative path.
     let mut command = planned.worker("0", &[]);
-    common::assert_exit(
+    crate::common::assert_exit(
         &CommandResult::new(
             &command
                 .args(["moved.zarr", "film.zarr"])
@@ -134,8 +138,8 @@ fn moved_or_touched_chart_exits_3_and_a_chart_at_another_path_is_accepted() {
     );
     assert_eq!(planned.missing(), "1");
     // Another chart in its place.
-    common::Picture::noise(12, Size::new(631, 637), 2).write(&planned.place.chart);
-    common::assert_exit(
+    crate::common::Picture::noise(12, Size::new(631, 637), 2).write(&planned.place.chart);
+    crate::common::assert_exit(
         &planned.run("1", &[]),
         OTHER_JOB,
         &["the job differs from the plan", "chart_mtimes"],
@@ -145,8 +149,8 @@ fn moved_or_touched_chart_exits_3_and_a_chart_at_another_path_is_accepted() {
     // Touched.
     let chunk = fs::File::open(planned.place.chart.join("chart/c/0/0/0")).unwrap();
     chunk.set_modified(std::time::UNIX_EPOCH).unwrap();
-    common::assert_exit(&planned.run("1", &[]), OTHER_JOB, &["chart_mtimes", "--trust-input"]);
-    common::assert_exit(&planned.run("1", &["--trust-input"]), 0, &[]);
+    crate::common::assert_exit(&planned.run("1", &[]), OTHER_JOB, &["chart_mtimes", "--trust-input"]);
+    crate::common::assert_exit(&planned.run("1", &["--trust-input"]), 0, &[]);
     assert!(files(&planned.place.film) == expected);
 }
 
@@ -163,11 +167,15 @@ fn a_plan_with_check_input_compares_the_content_of_the_chart() {
     fs::write(&file, bytes).unwrap();
     fs::File::options().write(true).open(&file).unwrap().set_modified(modified).unwrap();
     for flags in [&[][..], &["--trust-input"]] {
-        common::assert_exit(&planned.run("1", flags), OTHER_JOB, &["differs from the plan", "chart_digest"]);
+        crate::common::assert_exit(
+            &planned.run("1", flags),
+            OTHER_JOB,
+            &["differs from the plan", "chart_digest"],
+        );
     }
-    common::assert_exit(&planned.run("0", &[]), OTHER_JOB, &["differs from the plan"]);
+    crate::common::assert_exit(&planned.run("0", &[]), OTHER_JOB, &["differs from the plan"]);
     fs::write(&file, good).unwrap();
     planned.run("1", &[]).ok();
-    common::assert_exit(&planned.run("0-1", &[]), 0, &["complete"]);
+    crate::common::assert_exit(&planned.run("0-1", &[]), 0, &["complete"]);
     assert!(files(&planned.place.film) == expected);
 }

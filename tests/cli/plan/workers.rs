@@ -9,20 +9,24 @@ fn two_workers_of_one_unit_write_the_same_bytes() {
     let mut first = StoppedRun(planned.worker_with_fault("0", "rename:9:stop").spawn().unwrap());
     assert!(first.wait_stopped());
     let pid = first.0.id().to_string();
-    common::assert_exit(
+    crate::common::assert_exit(
         &lenscube(&["status", "--plan", text(&planned.job)]),
         0,
         &["units   0 of 4; missing 0-3", &pid],
     );
-    common::assert_exit(&planned.run("0", &[]), 0, &[&format!("process {pid}"), "both write the same bytes"]);
+    crate::common::assert_exit(
+        &planned.run("0", &[]),
+        0,
+        &[&format!("process {pid}"), "both write the same bytes"],
+    );
     assert_eq!(planned.missing(), "1-3");
-    common::assert_exit(&first.run_to_end(), 0, &[]);
+    crate::common::assert_exit(&first.run_to_end(), 0, &[]);
     // Complete units do not open the chart.
     let aside = planned.place.at("aside.zarr");
     fs::rename(&planned.place.chart, &aside).unwrap();
-    common::assert_exit(&planned.run("0", &[]), 0, &["units 0 of", "are complete: 32 shards"]);
+    crate::common::assert_exit(&planned.run("0", &[]), 0, &["units 0 of", "are complete: 32 shards"]);
     fs::rename(&aside, &planned.place.chart).unwrap();
-    common::assert_exit(&planned.run("1-3", &[]), 0, &[]);
+    crate::common::assert_exit(&planned.run("1-3", &[]), 0, &[]);
     assert!(files(&planned.place.film) == expected && planned.place.leftover_files().is_empty());
 }
 
@@ -37,7 +41,7 @@ fn lock_of_another_host_does_not_block_a_worker() {
     let mut owner: Value = serde_json::from_str(&owner).unwrap();
     owner["host"] = "elsewhere".into();
     fs::write(&lock, owner.to_string()).unwrap();
-    common::assert_exit(&planned.run("2", &[]), 0, &["resuming units 2 of"]);
+    crate::common::assert_exit(&planned.run("2", &[]), 0, &["resuming units 2 of"]);
     assert!(!lock.exists());
     assert_eq!(planned.missing(), "0-1,3");
 }
@@ -148,6 +152,6 @@ fn worker_ends_with_its_parent_only_with_die_with_parent() {
             }
         }
         assert_eq!(planned.missing(), "0-1");
-        common::assert_exit(&planned.run("0-1", &[]), 0, &["resuming"]);
+        crate::common::assert_exit(&planned.run("0-1", &[]), 0, &["resuming"]);
     }
 }

@@ -114,7 +114,7 @@ fn plan_with_invalid_output_leaves_the_film_unchanged() {
 fn lens_pack_path_inside_another_output_exits_2() {
     let job = TestJob::small();
     let design = job.at("design.zmx");
-    fs::write(&design, include_str!("../../formats/data/lenses/double-gauss-28.zmx")).unwrap();
+    fs::write(&design, include_str!("../../../formats/data/lenses/double-gauss-28.zmx")).unwrap();
     let of = |pack: &Path| {
         let mut command = Command::new(env!("CARGO_BIN_EXE_lenscube"));
         command.args(["plan", text(&job.chart), text(&job.film), "--lens", text(&design)]);
@@ -202,12 +202,12 @@ fn validate_exits_3_on_foreign_files() {
 fn film_inside_its_lens_pack_exits_2() {
     let job = TestJob::small();
     let pack = job.at("pack.lens.zarr");
-    let lens = common::lens([450.0, 500.0].map(|nm| common::identity_band(nm, 1.0, 5)).into());
-    let stacks = lens.bands.iter().map(common::delta).collect();
-    common::write_pack(&pack, &lens, stacks);
+    let lens = crate::common::lens([450.0, 500.0].map(|nm| crate::common::identity_band(nm, 1.0, 5)).into());
+    let stacks = lens.bands.iter().map(crate::common::delta).collect();
+    crate::common::write_pack(&pack, &lens, stacks);
     let before = files(&pack);
     let film = pack.join("psf/film.zarr");
-    let ran = common::run(text(&job.chart), &film, text(&pack), &[]);
+    let ran = crate::common::run(text(&job.chart), &film, text(&pack), &[]);
     assert!(ran.code == USAGE && ran.stderr.contains("lies in the lens"), "{}", ran.stderr);
     assert!(files(&pack) == before);
 }

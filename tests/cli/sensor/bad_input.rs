@@ -1,8 +1,8 @@
 //! Bad input: one clear error, or a warning with figures and ways out.
 
+use super::{OTHER_JOB, USAGE, WRONG};
 use crate::common::camera::{IRRADIANCE, Place, develop, sensor, write_film};
 use crate::common::{assert_exit, files, lenscube, text};
-use crate::{OTHER_JOB, USAGE, WRONG};
 use formats::film::{Codec, FilmSpec, FilmStore};
 use pipeline::geometry::Size;
 use serde_json::{Value, json};

@@ -1,6 +1,6 @@
 //! The same bits in windows, from a kept signal, on any number of threads; and those of the float64 model.
 
-use crate::USAGE;
+use super::USAGE;
 use crate::common::camera::{IRRADIANCE, Place, frame, sensor, window, write_film};
 use crate::common::{Noise, assert_exit, files};
 use formats::chart::{ChartOptions, ChartStore};

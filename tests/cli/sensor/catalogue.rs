@@ -1,8 +1,8 @@
 //! `lenscube sensor list | show | validate`.
 
+use super::{OTHER_JOB, USAGE};
 use crate::common::camera::Place;
 use crate::common::{assert_exit, lenscube, text};
-use crate::{OTHER_JOB, USAGE};
 
 #[test]
 fn sensors_are_listed_shown_and_validated() {

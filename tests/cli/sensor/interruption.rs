@@ -1,8 +1,8 @@
 //! Raws that were killed, interrupted or damaged, and disks that are full.
 
+use super::{OTHER_JOB, WRONG};
 use crate::common::camera::{Place, sensor, sensor_command};
 use crate::common::{CommandResult, assert_exit, files, lenscube, text};
-use crate::{OTHER_JOB, WRONG};
 use pipeline::geometry::Size;
 use std::process::Command;
 

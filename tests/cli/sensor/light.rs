@@ -1,8 +1,8 @@
 //! What the numbers of a film mean, and automatic exposure.
 
-use crate::USAGE;
+use super::USAGE;
+use crate::common::assert_exit;
 use crate::common::camera::{IRRADIANCE, Place, attributes, frame, sensor, write_film};
-use crate::common::{self, assert_exit};
 use pipeline::geometry::Size;
 use pipeline::sensor::HC_J_M;
 
@@ -63,7 +63,7 @@ fn a_chart_of_radiance_is_exposed_without_another_word() {
     let place = Place::new();
     let (film, raw) = (place.at("film.zarr"), place.at("raw.zarr"));
     let chart = "gen:uniform?size=64&pitch_um=2&wavelengths=500,600";
-    common::run(chart, &film, "double-gauss-28-npz", &["--stages", "ri"]).ok();
+    crate::common::run(chart, &film, "double-gauss-28-npz", &["--stages", "ri"]).ok();
     let film_attributes = attributes(&film);
     let band = &film_attributes["provenance"]["bands"][0];
     assert!(band["solid_angle_sr"].as_f64().unwrap() > 0.0 && band["transmission"].as_f64().unwrap() > 0.0);
