@@ -1,8 +1,6 @@
 //! Ideal thin lenses and telecentric object spaces compared with their closed forms.
 
-mod design_cases;
-
-use design_cases::{flat, ideal, relay, system};
+use crate::design_cases::{flat, ideal, relay, system};
 use lenscube_pipeline::design::illumination::{irradiance_sr, numerical_aperture};
 use lenscube_pipeline::design::paraxial::Paraxial;
 use lenscube_pipeline::design::ray::{ImageRay, Tracer};

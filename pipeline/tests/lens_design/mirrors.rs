@@ -1,10 +1,8 @@
 //! The pupil and PSF of an obscured lens compared with closed forms.
 
-mod design_cases;
-
 use std::f64::consts::PI;
 
-use design_cases::{bessel_j1_over_x, system};
+use crate::design_cases::{bessel_j1_over_x, system};
 use lenscube_pipeline::design::glass::{Dispersion, Glass};
 use lenscube_pipeline::design::illumination::numerical_aperture;
 use lenscube_pipeline::design::psf::{PsfGrid, PsfScratch, PupilFunction};

@@ -1,10 +1,8 @@
 //! The tracer compared with known physics: Airy pattern, cos⁴ law, overlapping discs, symmetry, thin lenses.
 
-mod design_cases;
-
 use std::f64::consts::PI;
 
-use design_cases::{bessel_j1_over_x, system};
+use crate::design_cases::{bessel_j1_over_x, system};
 use lenscube_pipeline::design::glass::{Dispersion, Glass};
 use lenscube_pipeline::design::illumination::{irradiance_sr, numerical_aperture, solid_angle_sr};
 use lenscube_pipeline::design::paraxial::Paraxial;

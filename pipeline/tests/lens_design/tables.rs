@@ -79,7 +79,7 @@ fn check(worst: [f64; 4]) {
 
 #[test]
 fn subset_of_reference_tables_is_reproduced() {
-    check(compare(&read(include_bytes!("data/double-gauss-28-subset.bin"))));
+    check(compare(&read(include_bytes!("../data/double-gauss-28-subset.bin"))));
 }
 
 /// All 31 × 22 tables, which `scripts/check-long` extracts from the built-in lens pack.
