@@ -121,7 +121,7 @@ MAKERS = {
     "render.exr": depth_exr,
     "behind.zarr": behind,
     "MY.zmx": lambda path, _: shutil.copy(DESIGN, path),
-    "tables": lambda path, _: shutil.copytree(ROOT / "formats/tests/data/tables-example", path),
+    "tables": lambda path, _: shutil.copytree(ROOT / "formats/data/tables-example", path),
 }
 
 # What a block of Python is given: a cube in memory, an edge in its middle.

@@ -107,6 +107,9 @@ def write_charts(place):
         Image.fromarray((cube[:, :, k] * 65535).astype("u2")).save(place / f"cave-png/scene_ms_{k + 1:02d}.png")
     with OpenEXR.File({"compression": OpenEXR.ZIP_COMPRESSION, "type": OpenEXR.scanlineimage}, {f"w{nm:.0f}nm": np.ascontiguousarray(cube[:, :, k]) for k, nm in enumerate(NM)}) as exr:
         exr.write(str(place / "kaist.exr"))
+    rgb = {f"ViewLayer.Combined.{c}": np.ones((64, 64), np.float32) for c in "RGBA"}
+    with OpenEXR.File({"compression": OpenEXR.ZIP_COMPRESSION, "type": OpenEXR.scanlineimage}, rgb) as exr:
+        exr.write(str(place / "blender.exr"))
     rgba = np.random.default_rng(1).integers(0, 256, (64, 64, 4), np.uint8)
     rgba[..., 3] = 255
     Image.fromarray(rgba).save(place / "photo.png")
@@ -136,6 +139,10 @@ def inputs(place):
     run("folder of PNG", "cave-png", *GIVEN, err=["in this order: scene_ms_01.png", "integers"])
     run("folder of PNG without wavelengths", "cave-png", code=2, err=["--wavelengths"])
     run("OpenEXR", "kaist.exr")
+    for dtype in ("i2", "i4", "u4"):
+        np.save(place / f"{dtype}.npy", (1000 * np.random.default_rng(2).random((len(NM), 64, 64))).astype(dtype))
+        run(f"npy of {dtype}", f"{dtype}.npy", *GIVEN, "--axes", "wavelength,y,x", err=["integers"])
+    task("chart of an OpenEXR of a renderer", ["chart", "image", "blender.exr", "blender.zarr", "--film-pitch-um", "2"], place, err=["layer ViewLayer.Combined"])
     for picture in ("photo.png", "photo.jpg"):
         task(f"chart of {picture}", ["chart", "image", picture, f"{picture}.zarr", "--pitch-um", "2"], place)
     task("transparent picture", ["chart", "image", "transparent.png", "no.zarr"], place, code=1, err=["alpha"])
@@ -156,15 +163,21 @@ def lenses(place):
     quick = ["--stages", "ri,distortion"]
     task("lens show", ["lens", "show", "MY.zmx"], place, out=["effective focal length", "Strehl"])
     task("run with a .zmx", ["run", chart, "zmx.zarr", "--lens", "MY.zmx", *quick], place, err=["1 shard in"])
+    task("run with a .zmx and flags of its trace", ["run", chart, "rms.zarr", "--lens", "MY.zmx", "--image-plane", "rms", "--energy", "0.95", *quick], place, err=["1 shard in"])
     task("design to a table", ["lens", "convert", "MY.zmx", "MY.csv"], place)
     task("run with a table", ["run", chart, "table.zarr", "--lens", "MY.csv", *quick], place)
     task("lens pack", ["lens", "trace", "MY.zmx", "MY.lens.zarr", "--wavelengths", "550", "--max-height-mm", "2", "--heights", "0,1,2"], place, err=["use it with"])
     task("pack beside its design", ["lens", "diff", "MY.zmx", "MY.lens.zarr"], place, out=["psf_l1 0.00"])
+    task("template of tables", ["lens", "import", "--template", "my-lens"], place, err=["README.md"])
+    task("import of the template", ["lens", "import", "my-lens", "my-lens.lens.zarr"], place, err=["2 bands"])
     near = ["lens", "trace", "macro-100", "NEAR.lens.zarr", "--object-distance-mm", "400", "--image-plane", "paraxial", "--wavelengths", "550", "--max-height-mm", "2", "--heights", "0,1,2"]
     task("lens pack of a near object", near, place)
     task("near object", ["run", chart, "near.zarr", "--lens", "NEAR.lens.zarr", "--chart-pitch-mm", "0.02", *quick], place)
     task("near object without a distance", ["run", chart, "no.zarr", "--lens", "macro-100", "--chart-pitch-mm", "0.02"], place, code=2, err=["--object-distance-mm"])
     task("film beyond the field", ["run", "gen:uniform?size=1000&wavelengths=550", "beyond.zarr", "--lens", "phone", "--film-pitch-um", "8", *quick, "--dry-run"], place, code=None, err=["beyond the outermost field point"])
+    task("pitch in mm", ["run", chart, "no.zarr", "--lens", "phone", "--film-pitch-um", "0.005"], place, code=2, err=["in mm? Then give `--film-pitch-um 5`"])
+    task("wavelengths in µm", ["run", "cube.npy", "no.zarr", "--axes", "y,x,wavelength", "--wavelengths", "0.45:0.65:0.05"], place, code=2, err=["in µm? Then it is 450 nm"])
+    task("film of another job of a design", ["run", chart, "zmx.zarr", "--lens", "MY.zmx", "--film-pitch-um", "4", *quick], place, code=3, err=["--film-pitch-um (film 5.0, requested 4.0)"])
     task("lens that does not exist", ["run", chart, "no.zarr", "--lens", "double-gaus-28"], place, code=2, err=["double-gaus-28"])
 
 

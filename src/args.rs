@@ -18,6 +18,7 @@ mod export;
 pub mod help;
 mod import;
 mod lens;
+mod light;
 mod manual;
 mod measure;
 mod placement;
@@ -26,6 +27,7 @@ mod run;
 mod sensor;
 mod shoot;
 mod status;
+mod tracing;
 mod validate;
 mod values;
 pub mod version;
@@ -42,12 +44,16 @@ pub use depth::{
     CoverageLight, DEPTH_TOLERANCE, DepthArgs, DepthEdges, DepthKind, DepthMiss, DepthUnit, NO_HIDDEN,
 };
 pub use depth_report::DepthReportArgs;
-pub use design::{DESIGN_FILES, DesignArgs, ImagePlaneArg};
+pub use design::{CoatingsArg, DESIGN_FILES, DesignArgs, ImagePlaneArg};
 pub use develop::{DevelopArgs, DevelopStyle, ToneArg};
 pub use device::{Device, DeviceArgs, DeviceCommand, EngineArg};
 pub use export::{ExportArgs, ExportFormatArg};
 pub use import::ImportArgs;
-pub use lens::{ConvertArgs, DiffArgs, LensArgs, LensCommand, ListArgs, ShowArgs, Store, TraceArgs};
+pub use lens::{
+    ConvertArgs, DiffArgs, LensArgs, LensCommand, ListArgs, Normalise, PsfArgs, ShowArgs, Store, TableName,
+    TraceArgs,
+};
+pub use light::LightArgs;
 pub use manual::{CompletionsArgs, HelpArgs, ManArgs};
 pub use measure::MeasureArgs;
 pub use placement::{FitArg, PlacementArgs};
@@ -56,6 +62,7 @@ pub use run::{FilmUnits, ProcessArgs, RunArgs};
 pub use sensor::{ExposeArgs, SensorArgs, SensorCommand, SensorShowArgs, SensorValidateArgs, SizeArg};
 pub use shoot::ShootArgs;
 pub use status::{StatusArgs, VerifyArgs};
+pub use tracing::TracingArgs;
 pub use validate::{Quantity, ValidateArgs};
 pub use values::{band_indices, size_order_note};
 pub use work::{PlanArgs, ProgressArg, RunCommand};

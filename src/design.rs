@@ -1,11 +1,16 @@
-//! Opens a lens design: a built-in one by name, or a file.
+//! Opens a lens design: a built-in one by name, or a file; its coatings.
+
+mod bytes;
+mod coatings;
 
 use crate::args::{DesignArgs, ImagePlaneArg};
 use crate::failure::usage;
 use anyhow::{Context, Result, bail};
+use bytes::read_bytes;
+use coatings::DesignCoatings;
+pub use coatings::note_on_ideal;
 use formats::design::builtin::{self, BuiltinLens};
 use formats::design::{LensFile, LensFileError, ReadOptions, agf, is_lens_file};
-use formats::durable::read_file_at_most;
 use pipeline::design::crossing::crossings;
 use pipeline::design::glass_library::GlassLibrary;
 use pipeline::design::system::{ImagePlane, System};
@@ -28,9 +33,6 @@ pub fn is_builtin(name: &str) -> bool {
 pub fn is_design(name: &str) -> bool {
     is_builtin(name) || is_lens_file(Path::new(name))
 }
-
-/// Maximum size of a design or glass catalogue; a lens of a thousand surfaces has less than 1 MB.
-const MAX_BYTES: u64 = 64 << 20;
 
 /// The file of a design, and its BLAKE3 digest when it was read.
 pub struct DesignFile {
@@ -75,13 +77,14 @@ pub fn focused(name: &str, args: &DesignArgs, focus_m: Option<f64>) -> Result<(S
 
 /// As [`open`], but with the ray aiming that the design states unless `args` has another: for writing it to a file.
 pub fn open_unchecked(name: &str, args: &DesignArgs) -> Result<System> {
-    apply(read_design(name, args)?.0, args).with_context(|| format!("design {name}"))
+    let (system, _, coatings) = read_design(name, args)?;
+    apply(system, args, &coatings).with_context(|| format!("design {name}"))
 }
 
 /// As [`open`], with the file that it was read from; `None` for the built-in design.
 pub fn open_file(name: &str, args: &DesignArgs) -> Result<(System, Option<DesignFile>)> {
-    let (system, file) = read_design(name, args)?;
-    let system = apply(system, args).and_then(|s| match (&file, args.aiming) {
+    let (system, file, coatings) = read_design(name, args)?;
+    let system = apply(system, args, &coatings).and_then(|s| match (&file, args.aiming) {
         // The built-in design keeps its setting, which its reference tables have.
         (Some(_), None) => Ok(s.with_checked_aiming()?),
         _ => Ok(s),
@@ -91,24 +94,13 @@ pub fn open_file(name: &str, args: &DesignArgs) -> Result<(System, Option<Design
     Ok((system, file))
 }
 
-/// Reads a file of at most [`MAX_BYTES`].
-fn read_bytes(path: &Path) -> Result<Vec<u8>> {
-    let reading = || format!("reading {}", path.display());
-    read_file_at_most(path, MAX_BYTES).with_context(reading)?.with_context(|| {
-        format!(
-            "{} is larger than {MAX_BYTES} bytes, so it is not a design or glass catalogue",
-            path.display()
-        )
-    })
-}
-
-fn read_design(name: &str, args: &DesignArgs) -> Result<(System, Option<DesignFile>)> {
+fn read_design(name: &str, args: &DesignArgs) -> Result<(System, Option<DesignFile>, DesignCoatings)> {
     let options = ReadOptions { strict: args.strict, configuration: args.configuration };
     if let Some(lens) = BuiltinLens::named(name) {
         if let Some(n @ 2..) = args.configuration {
             return Err(usage(format!("--configuration {n}: {name} has one configuration")));
         }
-        return Ok((lens.system(), None));
+        return Ok((lens.system(), None, DesignCoatings::default()));
     }
     let mut glasses = GlassLibrary::new();
     for path in &args.glass_catalog {
@@ -135,7 +127,9 @@ fn read_design(name: &str, args: &DesignArgs) -> Result<(System, Option<DesignFi
     }
     let mut system = design.read(&glasses, &options).with_context(reading)?;
     system.notes.extend(notes);
-    Ok((system, Some(DesignFile { path: path.into(), digest })))
+    let coatings =
+        DesignCoatings { path: path.into(), name: design.coating_file(), members: design.coating_files };
+    Ok((system, Some(DesignFile { path: path.into(), digest }), coatings))
 }
 
 /// The lens file of this name and content; an ending that is not known is a fault of the command line.
@@ -193,7 +187,7 @@ pub fn image_plane(args: &DesignArgs, system: &System) -> ImagePlane {
     }
 }
 
-fn apply(mut system: System, args: &DesignArgs) -> Result<System> {
+fn apply(mut system: System, args: &DesignArgs, coatings: &DesignCoatings) -> Result<System> {
     for (surface, mm) in &args.gap {
         let gaps = system.image();
         if !(1..=gaps).contains(surface) {
@@ -214,5 +208,5 @@ fn apply(mut system: System, args: &DesignArgs) -> Result<System> {
     if let Some(aiming) = args.aiming {
         system.aiming = aiming;
     }
-    Ok(system)
+    coatings::coat(system, &args.coatings, coatings)
 }

@@ -5,7 +5,8 @@ pub mod reported;
 
 use crate::args::RunArgs;
 use crate::failure::other_job;
-use crate::job::{Contents, DIGEST, Job, MTIMES, argument, contents};
+use crate::job::{Contents, DIGEST, Job, MTIMES, UntracedJob, argument, contents};
+use crate::progress::log_line;
 use anyhow::{Result, bail};
 use formats::durable::{Lock, Store, fault_point, link_target, parent_of, sweep_entries};
 use formats::film::{FilmSpec, FilmStore};
@@ -41,7 +42,28 @@ pub fn open(job: &Job, args: &RunArgs) -> Result<FilmStore> {
     }
     // Temporary entries of a creation or removal that was killed.
     sweep_entries(parent_of(&link_target(path)))?;
-    open_existing(job, args)
+    let store = open_store(args, "")?;
+    let same = check_same_job(&store, &job.identity, &job.film, args);
+    if same.is_err() && has_only_failed_runs(&store)? {
+        log_line(format!(
+            "note: {} was begun for another job and has no shard yet: it begins again",
+            path.display()
+        ));
+        remove(path, args.process.take_over)?;
+        return Ok(FilmStore::create(path, job.film.clone(), provenance(job), fsync)?);
+    }
+    same.map(|()| store)
+}
+
+/// Whether runs began the film, not units of a plan, and none of its shards is there: then nothing is lost if another job replaces it.
+fn has_only_failed_runs(store: &FilmStore) -> Result<bool> {
+    let runs = store.group().runs()?;
+    let is_run = |run: &Map<String, Value>| run.get("units").is_none_or(Value::is_null);
+    if runs.is_empty() || !runs.iter().all(is_run) {
+        return Ok(false);
+    }
+    let all: Vec<_> = store.all_shards().collect();
+    Ok(store.shards_bytes(&all)?.iter().all(Option::is_none))
 }
 
 /// Provenance of the film of a job, or what it will be once the film is created; nothing is changed.
@@ -52,7 +74,11 @@ pub fn expected_provenance(job: &Job, args: &RunArgs) -> Result<Map<String, Valu
     if args.process.overwrite || !Store::at(&link_target(&args.film))?.exists()? {
         return Ok(provenance(job));
     }
-    Ok(open_existing(job, args)?.provenance().clone())
+    let store = open_store(args, "")?;
+    match check_same_job(&store, &job.identity, &job.film, args) {
+        Err(_) if has_only_failed_runs(&store)? => Ok(provenance(job)),
+        same => same.map(|()| store.provenance().clone()),
+    }
 }
 
 /// Opens the film of `args`; `hint` is added to the error if there is none.
@@ -66,18 +92,37 @@ pub fn open_store(args: &RunArgs, hint: &str) -> Result<FilmStore> {
     })
 }
 
-/// Opens the film if it belongs to the job.
-fn open_existing(job: &Job, args: &RunArgs) -> Result<FilmStore> {
+/// Fails if a film of another job is there, before the lens of `job` is traced: then all is compared but the lens, and the content of a chart that is
+/// identified by it.
+///
+/// # Errors
+/// As [`open`] of an existing film.
+pub fn check_before_tracing(job: &UntracedJob<'_>, args: &RunArgs) -> Result<()> {
+    if !job.is_design() || args.process.overwrite || !Store::at(&link_target(&args.film))?.exists()? {
+        return Ok(());
+    }
     let store = open_store(args, "")?;
-    check_same_job(&store, job, args)?;
-    Ok(store)
+    let identity = job.identity_with_lens_of(&recorded_job(&store))?;
+    match check_same_job(&store, &identity, &job.film, args) {
+        Err(_) if has_only_failed_runs(&store)? => Ok(()),
+        same => same,
+    }
 }
 
-/// Fails if the film belongs to another job.
-fn check_same_job(store: &FilmStore, job: &Job, args: &RunArgs) -> Result<()> {
-    let recorded = store.provenance().get("job").and_then(Value::as_object).cloned().unwrap_or_default();
-    let differing =
-        [differences(&recorded, &job.identity), layout_differences(store.spec(), &job.film)].concat();
+/// The identity that a film records.
+fn recorded_job(store: &FilmStore) -> Map<String, Value> {
+    store.provenance().get("job").and_then(Value::as_object).cloned().unwrap_or_default()
+}
+
+/// Fails if the film belongs to another job than that of `identity` with the layout `film`.
+fn check_same_job(
+    store: &FilmStore,
+    identity: &Map<String, Value>,
+    film: &FilmSpec,
+    args: &RunArgs,
+) -> Result<()> {
+    let recorded = recorded_job(store);
+    let differing = [differences(&recorded, identity), layout_differences(store.spec(), film)].concat();
     let trusted = |key: &&str| args.trust_input && is_trustable(key, &recorded);
     let keys: Vec<&str> = differing.iter().map(|d| d.0.as_str()).filter(|k| !trusted(k)).collect();
     if keys.is_empty() {
@@ -197,7 +242,10 @@ fn layout_differences(recorded: &FilmSpec, requested: &FilmSpec) -> Vec<Differen
         let outputs = |spec: &FilmSpec| {
             spec.outputs.iter().map(|o| format!("{} of {}", o.name, o.rect)).collect::<Vec<_>>().join("; ")
         };
-        differing.push(("outputs".into(), outputs(recorded), outputs(requested)));
+        // Size, pitch and axis of the film belong to the identity, which names them.
+        if outputs(recorded) != outputs(requested) {
+            differing.push(("outputs".into(), outputs(recorded), outputs(requested)));
+        }
     }
     differing
 }

@@ -39,7 +39,7 @@ pub use keys::{DIGEST, MTIMES, argument};
 
 use crate::args::engine::Engine;
 use crate::args::{Device, RunArgs};
-use crate::job::lens::JobLens;
+use crate::job::lens::{JobLens, UntracedLens};
 use crate::job::memory::Memory;
 use crate::machine::excess_note;
 use crate::open::{self, Chart};
@@ -118,10 +118,89 @@ impl Job {
     }
 
     fn resolve(args: &RunArgs, planned: Option<PlannedBands<'_>>) -> Result<Self> {
+        UntracedJob::resolve(args, planned)?.traced()
+    }
+
+    /// The device that computes, in the form of `--device`.
+    pub fn device(&self) -> String {
+        let indices = self.queues.iter().map(|q| q.device.index()).collect();
+        match self.queues.is_empty() {
+            true => Device::Cpu.to_string(),
+            false => Device::Cuda(indices).to_string(),
+        }
+    }
+}
+
+/// A job before its lens is traced: what is known without that, for checks before it.
+pub struct UntracedJob<'a> {
+    args: &'a RunArgs,
+    planned: Option<PlannedBands<'a>>,
+    arguments: Arguments<'a>,
+    inputs: Inputs,
+    lens: UntracedLens,
+    /// Layout of the film.
+    pub film: FilmSpec,
+}
+
+impl<'a> UntracedJob<'a> {
+    /// Resolves `args` up to the trace of its lens.
+    ///
+    /// # Errors
+    /// Every error of the run that can be found without tracing.
+    pub fn new(args: &'a RunArgs) -> Result<Self> {
+        Self::resolve(args, None)
+    }
+
+    fn resolve(args: &'a RunArgs, planned: Option<PlannedBands<'a>>) -> Result<Self> {
         let opened = Opened::new(args)?;
-        let mut arguments = Arguments::resolve(args, opened.has_depth())?;
-        let (mut inputs, lens) = Inputs::new(args, opened, planned.map(|p| p.bands))?;
-        let mut plan = JobPlan::new(&arguments, &inputs, lens)?;
+        let arguments = Arguments::resolve(args, opened.has_depth())?;
+        let (inputs, lens) = Inputs::new(args, opened, planned.map(|p| p.bands))?;
+        let film = film::film_spec(&arguments, &inputs.frame, inputs.selected_nm.clone(), &inputs)?;
+        light::check_pitch(args, &lens)?;
+        Ok(Self { args, planned, arguments, inputs, lens, film })
+    }
+
+    /// Film pitch, µm.
+    pub fn pitch_um(&self) -> f64 {
+        self.inputs.frame.pitch_um
+    }
+
+    /// Whether its lens is a design, which is traced unless its bands are in the cache.
+    pub fn is_design(&self) -> bool {
+        matches!(self.lens, UntracedLens::Design(_))
+    }
+
+    /// Bytes of the film before compression, and of the temporary file of the chart's bands beside it.
+    pub fn bytes(&self) -> (u64, u64) {
+        let pixels: u64 = self.film.outputs.iter().map(|output| output.rect.size().pixels() as u64).sum();
+        let bands = self.inputs.chart_bands();
+        let film = pixels * self.film.sample.bytes() as u64 * bands.len() as u64;
+        (film, self.inputs.chart.temporary_bytes(&bands))
+    }
+
+    /// The identity of the job with the lens of `recorded`, without the state of the chart's files where their content identifies them.
+    ///
+    /// # Errors
+    /// The chart's chunks cannot be listed.
+    pub fn identity_with_lens_of(&self, recorded: &Map<String, Value>) -> Result<Map<String, Value>> {
+        let text = |key: &str| recorded.get(key).and_then(Value::as_str).unwrap_or_default();
+        let lens = (text("lens_name"), text("lens_digest"));
+        let stages = self.arguments.options.stages;
+        let mut map = identity::identity(self.args, stages, &self.inputs, self.film.keep_bits, lens, false)?;
+        if self.arguments.check_input {
+            map.remove(MTIMES);
+            map.extend(recorded.get(DIGEST).map(|digest| (DIGEST.to_owned(), digest.clone())));
+        }
+        Ok(map)
+    }
+
+    /// The job with its lens, which is traced if it is a design.
+    ///
+    /// # Errors
+    /// Every other error of the run that can be found before its first pixel.
+    pub fn traced(self) -> Result<Job> {
+        let Self { args, planned, mut arguments, mut inputs, lens, film } = self;
+        let mut plan = JobPlan::new(&arguments, &inputs, lens, film)?;
         light::check(args, &plan.bands)?;
         let stretch = RemapStretch::new(&inputs.frame, &plan.bands, &arguments.options);
         let chart_bands = inputs.chart_bands();
@@ -162,7 +241,7 @@ impl Job {
             false => {}
         }
         notes.extend(device.notes);
-        Ok(Self {
+        Ok(Job {
             source: identity::source(args, &inputs.chart),
             chart_bands,
             chart: inputs.chart,
@@ -184,14 +263,5 @@ impl Job {
             notes,
             details,
         })
-    }
-
-    /// The device that computes, in the form of `--device`.
-    pub fn device(&self) -> String {
-        let indices = self.queues.iter().map(|q| q.device.index()).collect();
-        match self.queues.is_empty() {
-            true => Device::Cpu.to_string(),
-            false => Device::Cuda(indices).to_string(),
-        }
     }
 }

@@ -16,7 +16,7 @@ use pipeline::tiling::ShardId;
 use std::fmt::Display;
 use std::path::Path;
 use std::sync::atomic::{AtomicBool, Ordering::Relaxed};
-use std::sync::{Mutex, OnceLock};
+use std::sync::{Arc, Mutex, OnceLock, Weak};
 use std::time::{Duration, Instant};
 
 /// Amount of output on stderr.
@@ -140,15 +140,74 @@ pub fn counting(doing: &str) -> (ProgressBar, impl Fn(u64, u64) + Sync + use<>) 
     (bar, update)
 }
 
-/// A bar for tracing a lens band by band.
-pub fn tracing_bar(bands: usize) -> ProgressBar {
-    let style =
-        ProgressStyle::with_template("{msg}  [{bar:32}] {pos}/{len} bands  {elapsed} elapsed, {eta} left");
-    let bar = ProgressBar::new(bands as u64).with_style(style.expect("a valid template"));
-    if verbosity() == Verbosity::Quiet {
-        bar.set_draw_target(ProgressDrawTarget::hidden());
+/// Progress of tracing a lens band by band: a bar on a terminal, else a line every ten seconds.
+pub struct TracingBar {
+    bar: ProgressBar,
+    step: Arc<Mutex<String>>,
+}
+
+impl TracingBar {
+    /// For `bands` bands.
+    pub fn new(bands: usize) -> Self {
+        let style = ProgressStyle::with_template(
+            "{msg}  [{bar:32}] {pos}/{len} bands  {elapsed} elapsed, {eta} left",
+        );
+        let bar = ProgressBar::new(bands as u64).with_style(style.expect("a valid template"));
+        if verbosity() == Verbosity::Quiet {
+            bar.set_draw_target(ProgressDrawTarget::hidden());
+        }
+        let step = Arc::default();
+        if !terminal::is_stderr() {
+            let (step, bar) = (Arc::downgrade(&step), bar.clone());
+            // It ends with this value, at its next line.
+            std::thread::spawn(move || tracing_lines(&step, &bar));
+        }
+        Self { bar, step }
     }
-    bar
+
+    /// The step that is computed.
+    pub fn step(&self, step: String) {
+        self.step.lock().expect("no panic while held").clone_from(&step);
+        self.bar.set_message(step);
+    }
+
+    /// One more band is traced.
+    pub fn band_done(&self) {
+        self.bar.inc(1);
+    }
+
+    /// `bands` bands are traced.
+    pub fn set_bands(&self, bands: usize) {
+        self.bar.set_position(bands as u64);
+    }
+
+    /// Writes log lines without the bar.
+    pub fn suspend(&self, write: impl FnOnce()) {
+        self.bar.suspend(write);
+    }
+
+    /// Removes the bar.
+    pub fn finish(&self) {
+        self.bar.finish_and_clear();
+    }
+}
+
+/// Logs the progress of `bar` until it is finished or `step` is dropped.
+fn tracing_lines(step: &Weak<Mutex<String>>, bar: &ProgressBar) {
+    loop {
+        std::thread::sleep(LINE_EVERY);
+        let Some(step) = step.upgrade().filter(|_| !bar.is_finished()) else { return };
+        let step = step.lock().expect("no panic while held").clone();
+        let (done, bands, elapsed_s) =
+            (bar.position(), bar.length().unwrap_or(0), bar.elapsed().as_secs_f64());
+        let left_s = elapsed_s * bands.saturating_sub(done) as f64 / done as f64;
+        let left = if done == 0 { String::new() } else { format!(", {} left", duration(left_s)) };
+        log_line(format!(
+            "tracing: {done} of {}, {} elapsed{left}; {step}",
+            plural(bands, "band"),
+            duration(elapsed_s)
+        ));
+    }
 }
 
 /// Progress of a run: a bar on a terminal, else log lines.
@@ -332,6 +391,11 @@ pub fn short_number(v: f64) -> String {
     text.trim_end_matches('0').trim_end_matches('.').to_owned()
 }
 
+/// Number with at most twelve significant digits, without the digits of rounding: 550.3 for 550.3000000000001.
+pub fn number(v: f64) -> f64 {
+    format!("{v:.11e}").parse().unwrap_or(v)
+}
+
 /// Bytes in MiB, rounded up, for messages.
 pub fn mib(bytes: usize) -> String {
     format!("{}MiB", bytes.div_ceil(1 << 20))
@@ -346,5 +410,17 @@ pub fn print_first(lines: impl Iterator<Item = String>) {
     lines.iter().take(NAMED).for_each(print);
     if lines.len() > NAMED {
         print(format!("and {} more; --json names all", lines.len() - NAMED));
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn digits_of_rounding_are_not_printed() {
+        let wavelength = 550.1 + 2.0 * 0.1;
+        assert_eq!((wavelength.to_string().len(), number(wavelength).to_string()), (17, "550.3".to_owned()));
+        assert_eq!([100.0 * 0.007, 0.0, -1e-9, 1e300].map(number), [0.7, 0.0, -1e-9, 1e300]);
     }
 }

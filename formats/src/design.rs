@@ -5,6 +5,7 @@
 //! | [`zmx`], [`codev`], [`oslo`], [`table`], [`optiland`] | a format each: `parse`, and where it is written `write` |
 //! | [`zar`] | archives with a lens file and its glass catalogues |
 //! | [`agf`] | glass catalogues |
+//! | [`coatings`] | coatings by name, files of coatings |
 //! | [`builtin`] | the lenses in the program |
 //! | `draft`, `straight_axis` | a prescription as a reader collects it, and what all formats have in common when it becomes a [`System`] |
 //! | [`text`], [`options`], [`writing`] | encodings and numbers; what readers are given; what writers have in common |
@@ -19,6 +20,7 @@
 
 pub mod agf;
 pub mod builtin;
+pub mod coatings;
 pub mod codev;
 mod draft;
 pub mod error;
@@ -42,7 +44,7 @@ pub use format::{
 pub use lens_file::{LensFile, is_lens_file, writer};
 pub use options::ReadOptions;
 
-use format::NO_CATALOGUES;
+use format::{NO_CATALOGUES, NO_COATING_FILE};
 #[cfg(doc)]
 use pipeline::design::System;
 
@@ -52,14 +54,22 @@ pub const FORMATS: &[LensFormat] = &[
         name: ".zmx",
         endings: &["zmx"],
         is_it: None,
-        content: Content::Text(TextFormat { read: zmx::parse, catalogues: zmx::catalogues }),
+        content: Content::Text(TextFormat {
+            read: zmx::parse,
+            catalogues: zmx::catalogues,
+            coating_file: zmx::coating_file,
+        }),
         write: Some(zmx::write),
     },
     LensFormat {
         name: "CODE V .seq",
         endings: &["seq", "len"],
         is_it: None,
-        content: Content::Text(TextFormat { read: codev::parse, catalogues: NO_CATALOGUES }),
+        content: Content::Text(TextFormat {
+            read: codev::parse,
+            catalogues: NO_CATALOGUES,
+            coating_file: NO_COATING_FILE,
+        }),
         write: None,
     },
     LensFormat {
@@ -75,14 +85,22 @@ pub const FORMATS: &[LensFormat] = &[
         name: "OSLO .len",
         endings: &["len"],
         is_it: Some(oslo::is_oslo),
-        content: Content::Text(TextFormat { read: oslo::parse, catalogues: NO_CATALOGUES }),
+        content: Content::Text(TextFormat {
+            read: oslo::parse,
+            catalogues: NO_CATALOGUES,
+            coating_file: NO_COATING_FILE,
+        }),
         write: None,
     },
     LensFormat {
         name: "lens table .csv",
         endings: &["csv"],
         is_it: None,
-        content: Content::Text(TextFormat { read: table::parse, catalogues: table::catalogues }),
+        content: Content::Text(TextFormat {
+            read: table::parse,
+            catalogues: table::catalogues,
+            coating_file: NO_COATING_FILE,
+        }),
         write: Some(table::write),
     },
     LensFormat {
@@ -96,7 +114,11 @@ pub const FORMATS: &[LensFormat] = &[
         name: "Optiland .json",
         endings: &["json"],
         is_it: None,
-        content: Content::Text(TextFormat { read: optiland::parse, catalogues: NO_CATALOGUES }),
+        content: Content::Text(TextFormat {
+            read: optiland::parse,
+            catalogues: NO_CATALOGUES,
+            coating_file: NO_COATING_FILE,
+        }),
         write: Some(|system, _| optiland::write(system)),
     },
     LensFormat {

@@ -34,6 +34,7 @@ pub mod npz;
 mod options;
 pub mod psf_listing;
 pub mod tables;
+mod template;
 mod text;
 pub mod window;
 mod write;
@@ -41,6 +42,7 @@ mod write;
 pub use error::ImportError;
 use options::MAX_COUNT;
 pub use options::{Format, ImportOptions};
+pub use template::TEMPLATE;
 pub use write::{Imported, write};
 
 use std::path::Path;

@@ -1,7 +1,7 @@
 //! NumPy files (NEP 1): `\x93NUMPY`, version (1 to 3), header length (u16; u32 from version 2), a Python dict literal with the keys
 //! `descr`, `fortran_order` and `shape`, then the samples. The literal is parsed, never evaluated.
 //!
-//! Supported: f2, f4, f8, u1 and u2 of either byte order, at most 5 axes; readers restrict this further.
+//! Supported: f2, f4, f8, u1, u2, u4, i2 and i4 of either byte order, at most 5 axes; readers restrict this further.
 
 use crate::sample::{RasterSample, Sample};
 
@@ -52,7 +52,7 @@ pub(crate) fn header(head: &[u8]) -> Result<Header, HeaderError> {
     let descr = descr.strip_prefix('\'').and_then(|d| d.split_once('\'')).map_or("", |d| d.0);
     let short = |t: &str| t.chars().take(40).collect::<String>();
     let (sample, little_endian) = parse_numpy_dtype(descr).ok_or_else(|| {
-        error("samples", "f2, f4, f8, u1 or u2 (numpy: astype)", format!("`{}`", short(descr)))
+        error("samples", "f2, f4, f8, u1, u2, u4, i2 or i4 (numpy: astype)", format!("`{}`", short(descr)))
     })?;
     let order = value_of("fortran_order")?;
     let fortran = match (order.starts_with("True"), order.starts_with("False")) {
@@ -110,6 +110,9 @@ fn parse_numpy_dtype(dtype: &str) -> Option<(RasterSample, bool)> {
         _ => (true, dtype),
     };
     let sample = match name {
+        "i2" => return Some((RasterSample::I16, little_endian)),
+        "i4" => return Some((RasterSample::I32, little_endian)),
+        "u4" => return Some((RasterSample::U32, little_endian)),
         "u1" => Sample::U8,
         "u2" => Sample::U16,
         "f2" => Sample::F16,
@@ -153,9 +156,22 @@ mod tests {
                 ">{bits}"
             );
         }
-        for unsupported in ["", ">", "<u8", ">u8", "|u8", "<f16", "u4", "i16", "u32"] {
+        for unsupported in ["", ">", "<u8", ">u8", "|u8", "<f16", "i8", "i16", "u32"] {
             assert_eq!(parse_dtype(unsupported), None, "{unsupported}");
         }
+    }
+
+    #[test]
+    fn integers_of_numpy_are_sample_types() {
+        let types = ["<i2", ">i4", "u4"].map(parse_dtype);
+        assert_eq!(
+            types,
+            [
+                Some((RasterSample::I16, true)),
+                Some((RasterSample::I32, false)),
+                Some((RasterSample::U32, true))
+            ]
+        );
     }
 
     #[test]

@@ -22,6 +22,10 @@ pub enum Sample {
 pub enum RasterSample {
     /// Signed 16-bit integer.
     I16,
+    /// Signed 32-bit integer.
+    I32,
+    /// Unsigned 32-bit integer.
+    U32,
     /// A sample type that stores have as well.
     Plain(Sample),
 }
@@ -106,19 +110,22 @@ impl RasterSample {
     pub const fn bytes(self) -> usize {
         match self {
             Self::I16 => 2,
+            Self::I32 | Self::U32 => 4,
             Self::Plain(sample) => sample.bytes(),
         }
     }
 
     /// Whether samples are integers.
     pub const fn is_integer(self) -> bool {
-        matches!(self, Self::I16 | Self::Plain(Sample::U8 | Sample::U16))
+        matches!(self, Self::I16 | Self::I32 | Self::U32 | Self::Plain(Sample::U8 | Sample::U16))
     }
 
     /// As `--chart-dtype` names it. Part of a chart's identity, which films store: do not change.
     pub(crate) const fn code(self) -> &'static str {
         match self {
             Self::I16 => "i16",
+            Self::I32 => "i32",
+            Self::U32 => "u32",
             Self::Plain(Sample::U8) => "u8",
             Self::Plain(Sample::U16) => "u16",
             Self::Plain(Sample::F16) => "f16",
@@ -131,6 +138,8 @@ impl RasterSample {
     pub const fn name(self) -> &'static str {
         match self {
             Self::I16 => "16-bit signed integers",
+            Self::I32 => "32-bit signed integers",
+            Self::U32 => "32-bit unsigned integers",
             Self::Plain(Sample::U8) => "8-bit unsigned integers",
             Self::Plain(Sample::U16) => "16-bit unsigned integers",
             Self::Plain(Sample::F16) => "16-bit floats",
@@ -154,6 +163,8 @@ impl RasterSample {
     pub(crate) fn read(self, bytes: &[u8], k: usize) -> f64 {
         match self {
             Self::I16 => f64::from(i16::from_ne_bytes(bytes.as_chunks().0[k])),
+            Self::I32 => f64::from(i32::from_ne_bytes(bytes.as_chunks().0[k])),
+            Self::U32 => f64::from(u32::from_ne_bytes(bytes.as_chunks().0[k])),
             Self::Plain(sample) => sample.read(bytes, k),
         }
     }
@@ -162,6 +173,8 @@ impl RasterSample {
     pub(crate) fn to_ne_bytes(self, value: f64) -> Vec<u8> {
         match self {
             Self::I16 => (value as i16).to_ne_bytes().to_vec(),
+            Self::I32 => (value as i32).to_ne_bytes().to_vec(),
+            Self::U32 => (value as u32).to_ne_bytes().to_vec(),
             Self::Plain(Sample::U8) => vec![value as u8],
             Self::Plain(Sample::U16) => (value as u16).to_ne_bytes().to_vec(),
             Self::Plain(Sample::F16) => half::f16::from_f64(value).to_ne_bytes().to_vec(),
@@ -174,6 +187,9 @@ impl RasterSample {
     pub(crate) fn append(self, out: &mut Vec<f32>, bytes: &[u8]) {
         match self {
             Self::I16 => out.extend(bytes.as_chunks().0.iter().map(|&b| f32::from(i16::from_ne_bytes(b)))),
+            // Above 2²⁴ rounded to f32.
+            Self::I32 => out.extend(bytes.as_chunks().0.iter().map(|&b| i32::from_ne_bytes(b) as f32)),
+            Self::U32 => out.extend(bytes.as_chunks().0.iter().map(|&b| u32::from_ne_bytes(b) as f32)),
             Self::Plain(sample) => sample.append(out, bytes),
         }
     }
@@ -184,6 +200,12 @@ impl RasterSample {
             Self::I16 => {
                 out.extend(bytes.as_chunks().0.iter().map(|&b| convert(f64::from(i16::from_ne_bytes(b)))));
             }
+            Self::I32 => {
+                out.extend(bytes.as_chunks().0.iter().map(|&b| convert(f64::from(i32::from_ne_bytes(b)))));
+            }
+            Self::U32 => {
+                out.extend(bytes.as_chunks().0.iter().map(|&b| convert(f64::from(u32::from_ne_bytes(b)))));
+            }
             Self::Plain(sample) => sample.append_converted(out, bytes, convert),
         }
     }
@@ -191,7 +213,7 @@ impl RasterSample {
     /// As [`Sample::nearest`].
     pub(crate) fn nearest(self, value: f64) -> f64 {
         match self {
-            Self::I16 => value,
+            Self::I16 | Self::I32 | Self::U32 => value,
             Self::Plain(sample) => sample.nearest(value),
         }
     }

@@ -52,6 +52,12 @@ pub const PUPIL_MM: Bound = bound("the entrance pupil", "mm", 1e-3, 1e6);
 pub const REACH_MM: Bound = bound("the image height", "mm", 1e-6, 1e5);
 /// Spatial frequency on the film, line pairs per mm.
 pub const FREQUENCY_LP_MM: Bound = bound("the spatial frequency", "lp/mm", 1e-6, 1e6);
+/// A position on the film from the axis, mm.
+pub const FILM_POINT_MM: Bound = bound("the position on the film", "mm", -1e5, 1e5);
+/// Azimuth of a field point, degrees.
+pub const AZIMUTH_DEG: Bound = bound("the azimuth", "deg", -360.0, 360.0);
+/// Radius of an encircled energy, µm.
+pub const RADIUS_UM: Bound = bound("the radius", "µm", 0.0, 1e6);
 /// Ideal height over object height, of either sign.
 pub const MAGNIFICATION: Bound = bound("the magnification", "", -1e6, 1e6);
 /// Shift of the image plane from its focus, mm.

@@ -12,6 +12,10 @@
 //! Strehl ratio, because the peak is averaged. Heights are linear between field points, PSFs between their heights, as on the film.
 //! Source: Goodman, Introduction to Fourier Optics, 6.3-6.4; Born & Wolf 9.1.
 
+mod encircled;
+
+pub use encircled::EncircledEnergy;
+
 use crate::lens::{LensBand, PsfSample, PsfStack, linear};
 use crate::psf::kernel::{KernelScratch, NodeKernels};
 use crate::real;
@@ -137,15 +141,21 @@ impl PsfWindow {
 
     /// Modulation of a sine pattern of `lp_mm` line pairs per mm; 1 at 0.
     pub fn mtf(&self, lp_mm: f64, direction: Direction) -> f64 {
+        let (re, im) = self.otf(lp_mm, direction);
+        real::hypot(re, im)
+    }
+
+    /// Optical transfer function about the chief ray, real and imaginary part; 1 at 0.
+    pub fn otf(&self, lp_mm: f64, direction: Direction) -> (f64, f64) {
         if lp_mm == 0.0 {
-            return 1.0;
+            return (1.0, 0.0);
         }
         let k = 2e-3 * PI * lp_mm;
         let (mut re, mut im) = (0.0, 0.0);
         for (i, v) in self.line(direction).iter().enumerate() {
             let (s, c) = real::sin_cos(k * self.at_um(i));
             re += v * c;
-            im += v * s;
+            im -= v * s;
         }
         let sample_mtf = match self.sample {
             PsfSample::Point => 1.0,
@@ -154,7 +164,7 @@ impl PsfWindow {
                 real::sin(x) / x
             }
         };
-        self.energy * real::hypot(re, im) / sample_mtf
+        (self.energy * re / sample_mtf, self.energy * im / sample_mtf)
     }
 
     /// The kernel on a film of `film_pitch_um`, sum 1: side and pixels.
@@ -168,6 +178,24 @@ impl PsfWindow {
         let kernels = NodeKernels::new(&stack, film_pitch_um, None, Simd::PORTABLE);
         (kernels.size(), kernels.unrotated(0, &mut KernelScratch::default()).to_vec())
     }
+}
+
+/// Modulation of the weighted sum of PSFs of several wavelengths: weight, place of the chief ray along the meridian in µm, PSF. Tangential
+/// patterns are blurred by lateral colour.
+pub fn polychromatic_mtf(psfs: &[(f64, f64, &PsfWindow)], lp_mm: f64, direction: Direction) -> f64 {
+    let (mut re, mut im, mut total) = (0.0, 0.0, 0.0);
+    for (weight, at_um, psf) in psfs {
+        let (a, b) = psf.otf(lp_mm, direction);
+        let shift = match direction {
+            Direction::Tangential => -2e-3 * PI * lp_mm * at_um,
+            Direction::Sagittal => 0.0,
+        };
+        let (s, c) = real::sin_cos(shift);
+        re += weight * (a * c - b * s);
+        im += weight * (a * s + b * c);
+        total += weight;
+    }
+    real::hypot(re, im) / total
 }
 
 /// Σ |a − b| of two kernels of odd sides, each cropped to the smaller side and normalised there again.

@@ -12,7 +12,7 @@ pub const MAX_BANDS: usize = BANDS.max as usize;
 pub enum WavelengthError {
     /// Not a number, or out of range.
     #[error(
-        "wavelength '{item}' in '{list}' is not a number from {WAVELENGTH_NM}; write 450,550,650 or 400:700:10"
+        "wavelength '{item}' in '{list}' is not a number from {WAVELENGTH_NM}; {}", way_out(.item)
     )]
     NotAWavelength {
         /// The item.
@@ -99,6 +99,24 @@ pub fn format(wavelengths_nm: &[f64]) -> String {
     wavelengths_nm.iter().map(f64::to_string).collect::<Vec<_>>().join(",")
 }
 
+/// How a wavelength that is out of range is written; light in another unit is asked for.
+fn way_out(item: &str) -> String {
+    let light = |v: f64| (100.0..20_000.0).contains(&v);
+    let units = [("µm", 1e3), ("m", 1e9)];
+    let number = item.parse::<f64>().ok();
+    let meant =
+        number.and_then(|v| units.iter().find(|(_, nm)| light(v * nm)).map(|(unit, nm)| (unit, v * nm)));
+    match meant {
+        Some((unit, nm)) => {
+            format!(
+                "was it meant in {unit}? Then it is {} nm, as in 450,550,650 or 400:700:10",
+                (nm * 1e6).round() / 1e6
+            )
+        }
+        None => "write 450,550,650 or 400:700:10".to_owned(),
+    }
+}
+
 fn number(item: &str, list: &str) -> Result<f64, WavelengthError> {
     match item.trim().parse::<f64>() {
         Ok(nm) if WAVELENGTH_NM.contains(nm) => Ok(nm),
@@ -174,6 +192,14 @@ mod tests {
             let error = parse(bad).expect_err(bad).to_string();
             assert!(error.len() > 20, "{bad}: {error}");
         }
+    }
+
+    #[test]
+    fn wavelengths_in_another_unit_are_asked_for() {
+        let error = |list: &str| parse(list).unwrap_err().to_string();
+        assert!(error("0.4:0.7:0.1").contains("in µm? Then it is 400 nm"), "{}", error("0.4:0.7:0.1"));
+        assert!(error("550e-9").contains("in m? Then it is 550 nm"), "{}", error("550e-9"));
+        assert!(!error("0").contains("meant"));
     }
 
     #[test]

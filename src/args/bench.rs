@@ -14,8 +14,8 @@ Takes about two minutes and 7 GB of temporary disk space. Run it on an otherwise
 )]
 pub struct BenchArgs {
     /// Film side of the job in pixels; the film is always 28.282 mm wide, as in the paper
-    #[arg(long, value_name = "PX", default_value_t = 14141, value_parser = clap::value_parser!(u32).range(512..=100_000))]
-    pub size: u32,
+    #[arg(long, alias = "size", value_name = "PX", default_value_t = 14141, value_parser = clap::value_parser!(u32).range(512..=100_000))]
+    pub film_size: u32,
     /// Bands of the job, spread over 400-700 nm
     #[arg(long, value_name = "N", default_value_t = 2, value_parser = clap::value_parser!(u32).range(1..=31))]
     pub bands: u32,
@@ -45,6 +45,6 @@ pub struct BenchArgs {
     #[arg(long)]
     pub json: bool,
     /// Measure nothing: print two reports of --json side by side, and forecast A's job on the machine of B
-    #[arg(long, value_names = ["A.json", "B.json"], num_args = 2, conflicts_with_all = ["size", "bands", "threads", "lens", "memory", "rounds", "device", "engine", "json"])]
+    #[arg(long, value_names = ["A.json", "B.json"], num_args = 2, conflicts_with_all = ["film_size", "bands", "threads", "lens", "memory", "rounds", "device", "engine", "json"])]
     pub compare: Option<Vec<PathBuf>>,
 }

@@ -9,7 +9,7 @@ use pipeline::geometry::Size;
 /// `lenscube lens camera`
 #[derive(Debug, Args)]
 #[command(
-    after_help = "Example:\n  lenscube lens camera phone --focus-m 0.5 --film 4000x3000 --pitch-um 1 --for blender\n\
+    after_help = "Example:\n  lenscube lens camera phone --focus-m 0.5 --film-size 4000x3000 --film-pitch-um 1 --for blender\n\
 The picture of this camera, with its depth, is the CHART of `lenscube run CHART FILM --lens DESIGN --focus-m M --film-size WxH`. A camera \
 elsewhere, or of another focal length, is a different picture, which nothing detects."
 )]
@@ -21,11 +21,11 @@ pub struct CameraArgs {
     #[arg(long, value_name = "M", value_parser = focus_m, conflicts_with = "object_distance_mm")]
     pub focus_m: Option<f64>,
     /// Size of the film in pixels, N or WxH
-    #[arg(long, value_name = "WxH", value_parser = size)]
-    pub film: Size,
+    #[arg(long, alias = "film", value_name = "WxH", value_parser = size)]
+    pub film_size: Size,
     /// Film pixel pitch in µm
-    #[arg(long, value_name = "UM", value_parser = pitch, default_value = "2")]
-    pub pitch_um: f64,
+    #[arg(long, alias = "pitch-um", value_name = "UM", value_parser = pitch, default_value = "2")]
+    pub film_pitch_um: f64,
     /// Distances of the scene in m: the margin around the film then holds their blur [default: a margin of 64 pixels]
     #[arg(long, value_name = "NEAR:FAR", value_parser = depths)]
     pub depths_m: Option<Depths>,

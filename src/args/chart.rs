@@ -12,9 +12,9 @@ use std::path::PathBuf;
     args_conflicts_with_subcommands = true,
     subcommand_negates_reqs = true,
     disable_help_subcommand = true,
-    after_help = "Examples:\n  lenscube chart slanted-edge edges.zarr --size 14141 --grid 5 --angle-deg 5\n  \
-lenscube chart image photo.png chart.zarr --pitch-um 2\n  \
-lenscube chart depth-scene scene.zarr --size 1500x1000 --near-m 0.1 --far-m inf    # with distances and hidden surfaces\n  \
+    after_help = "Examples:\n  lenscube chart slanted-edge edges.zarr --film-size 14141 --grid 5 --angle-deg 5\n  \
+lenscube chart image photo.png chart.zarr --film-pitch-um 2\n  \
+lenscube chart depth-scene scene.zarr --film-size 1500x1000 --near-m 0.1 --far-m inf    # with distances and hidden surfaces\n  \
 lenscube run 'gen:composite?size=14141' film.zarr     # without a store"
 )]
 pub struct ChartArgs {
@@ -35,8 +35,8 @@ pub enum ChartCommand {
 
 /// `lenscube chart image`
 #[derive(Debug, Args)]
-#[command(after_help = "Examples:\n  lenscube chart image photo.png chart.zarr --pitch-um 2\n  \
-lenscube chart image render.exr chart.zarr --pitch-um 2 --scale-to 300\n\
+#[command(after_help = "Examples:\n  lenscube chart image photo.png chart.zarr --film-pitch-um 2\n  \
+lenscube chart image render.exr chart.zarr --film-pitch-um 2 --scale-to 300\n\
 PNG and TIFF of 8 or 16 bits, JPEG and WebP are decoded as sRGB, OpenEXR as linear or, with channels S0.…nm, band by band. A colour becomes the \
 mixture of three smooth reflectances that has this colour under the illuminant; the chart's preview shows the same colours:\n  \
 lenscube export chart.zarr back.png --white D65 --exposure 1")]
@@ -48,7 +48,7 @@ pub struct ImageArgs {
     #[arg(value_name = "OUT.zarr")]
     pub out: PathBuf,
     /// Pixel pitch in µm, stored with the chart
-    #[arg(long, value_name = "UM", value_parser = pitch)]
+    #[arg(long = "film-pitch-um", alias = "pitch-um", value_name = "UM", value_parser = pitch)]
     pub pitch_um: Option<f64>,
     /// Bands in nm, at most 20 nm apart over 400 to 700 [default: 400:700:10]
     #[arg(long, value_name = "NM")]
@@ -87,13 +87,13 @@ pub struct GeneratedArgs {
     #[arg(value_name = "OUT.zarr")]
     pub out: PathBuf,
     /// Size of the FILM in pixels, N or WxH; the chart is larger by the overscan
-    #[arg(long, value_name = "WxH")]
+    #[arg(long = "film-size", alias = "size", value_name = "WxH")]
     pub size: Option<String>,
     /// Bands in nm: 400:700:10 (both ends included) or 450,550
     #[arg(long, value_name = "NM")]
     pub wavelengths: Option<String>,
     /// Pixel pitch in µm
-    #[arg(long, value_name = "UM")]
+    #[arg(long = "film-pitch-um", alias = "pitch-um", value_name = "UM")]
     pub pitch_um: Option<String>,
     /// Chart pixels beyond the film on each side [default: 1 % of the longer side + 64]
     #[arg(long, value_name = "PX")]

@@ -3,7 +3,8 @@
 use super::choices::{OUTSIDE, STYLE, one_of};
 use super::depth::DepthArgs;
 use super::placement::PlacementArgs;
-use super::values::{bytes, threads};
+use super::tracing::TracingArgs;
+use super::values::{bytes, figure, threads};
 use clap::Args;
 use formats::picture::style::Style;
 use pipeline::field::Outside;
@@ -25,9 +26,6 @@ pub struct DepthReportArgs {
     /// Lens pack, design, or name of a built-in lens, as for `lenscube run`
     #[arg(long, value_name = "NAME|PACK|DESIGN", help_heading = "Lens")]
     pub lens: String,
-    /// Surfaces at several distances.
-    #[command(flatten)]
-    pub surfaces: DepthArgs,
     /// Film, and place of the chart.
     #[command(flatten)]
     pub placement: PlacementArgs,
@@ -44,7 +42,7 @@ pub struct DepthReportArgs {
     #[arg(long)]
     pub json: bool,
     /// Draw depth, blur radius, and slabs of each tile into this file: .png or .svg
-    #[arg(long, value_name = "FILE")]
+    #[arg(long, value_name = "FILE", value_parser = figure())]
     pub plot: Option<PathBuf>,
     /// Replace an existing figure
     #[arg(long, requires = "plot")]
@@ -52,4 +50,10 @@ pub struct DepthReportArgs {
     /// Colours of the figure
     #[arg(long, value_parser = one_of(STYLE), default_value = "light")]
     pub style: Style,
+    /// Surfaces at several distances.
+    #[command(flatten)]
+    pub surfaces: DepthArgs,
+    /// How a run traces a design.
+    #[command(flatten)]
+    pub tracing: TracingArgs,
 }

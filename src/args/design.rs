@@ -46,12 +46,68 @@ pub struct DesignArgs {
     /// Glass catalogue in AGF format, in addition to the built-in glasses; used first for designs that name it; repeatable
     #[arg(long, value_name = "FILE.agf")]
     pub glass_catalog: Vec<PathBuf>,
+    /// Light lost at surfaces and in glass: ideal (none is), none (bare surfaces), mgf2[@NM] (a quarter wave at 550 nm or NM), design (as the design names
+    /// them), or a file of coatings (.toml, .dat); all but ideal with the absorption of the glasses
+    #[arg(long, value_name = "COATINGS|FILE", value_parser = CoatingsArg::parse, default_value = "ideal")]
+    pub coatings: CoatingsArg,
     /// Make an unknown keyword of the design file, or optics that are ignored, an error instead of a note
     #[arg(long)]
     pub strict: bool,
     /// Configuration of a multi-configuration .zmx file [default: 1]
     #[arg(long, value_name = "N", value_parser = configuration)]
     pub configuration: Option<usize>,
+}
+
+/// `--coatings`.
+#[derive(Clone, Debug, Default, PartialEq)]
+pub enum CoatingsArg {
+    /// All light passes.
+    #[default]
+    Ideal,
+    /// Bare surfaces.
+    Bare,
+    /// A quarter wave of magnesium fluoride at this wavelength in nm, else 550.
+    Mgf2(Option<f64>),
+    /// Those that the design names.
+    Design,
+    /// A file of coatings.
+    File(PathBuf),
+}
+
+impl CoatingsArg {
+    /// Reads the flag.
+    pub(super) fn parse(text: &str) -> Result<Self, String> {
+        match (text, text.split_once('@')) {
+            ("ideal", _) => Ok(Self::Ideal),
+            ("none", _) => Ok(Self::Bare),
+            ("mgf2", _) => Ok(Self::Mgf2(None)),
+            ("design", _) => Ok(Self::Design),
+            (_, Some(("mgf2", nm))) => bounded(bounds::WAVELENGTH_NM)(nm).map(|nm| Self::Mgf2(Some(nm))),
+            _ if text.contains(['.', '/']) => Ok(Self::File(text.into())),
+            _ => Err("expected ideal, none, mgf2, mgf2@NM, design or a file (.toml, .dat)".to_owned()),
+        }
+    }
+
+    /// The file of coatings.
+    pub fn file(&self) -> Option<&PathBuf> {
+        match self {
+            Self::File(path) => Some(path),
+            _ => None,
+        }
+    }
+}
+
+impl Display for CoatingsArg {
+    fn fmt(&self, f: &mut Formatter<'_>) -> fmt::Result {
+        match self {
+            Self::Ideal => f.write_str("ideal"),
+            Self::Bare => f.write_str("none"),
+            Self::Mgf2(None) => f.write_str("mgf2"),
+            Self::Mgf2(Some(nm)) => write!(f, "mgf2@{nm}"),
+            Self::Design => f.write_str("design"),
+            Self::File(path) => write!(f, "{}", path.display()),
+        }
+    }
 }
 
 /// `--image-plane`.
@@ -99,7 +155,7 @@ pub(super) fn depths(text: &str) -> Result<Depths, String> {
 }
 
 /// A configuration number.
-fn configuration(text: &str) -> Result<usize, String> {
+pub(super) fn configuration(text: &str) -> Result<usize, String> {
     let number = text.parse().ok().filter(|n| (1..=10_000).contains(n));
     number.ok_or_else(|| "expected a number from 1 to 10000".to_owned())
 }

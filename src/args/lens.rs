@@ -4,11 +4,14 @@ use super::camera::CameraArgs;
 use super::choices::{STYLE, one_of};
 use super::design::{DESIGN_FILES, Depths, DesignArgs, depths, focus_m};
 use super::import::ImportArgs;
-use super::values::{bounded, pitch, positive};
+use super::light::LightArgs;
+use super::values::{bounded, figures, film_point, pitch, positive, share, window_px};
 use clap::{Args, Subcommand, ValueEnum};
 use formats::design::{endings_written, names_read, names_written};
 use formats::picture::style::Style;
 use pipeline::bounds;
+use pipeline::design::trace::TraceOptions;
+use pipeline::design::wavefront::SAMPLES;
 use std::path::PathBuf;
 
 /// `lenscube lens`
@@ -27,12 +30,16 @@ pub struct LensArgs {
 pub enum LensCommand {
     /// Show the data of a lens and, with --plot, figures
     Show(Box<ShowArgs>),
+    /// Compute the PSF of a design at a point of the film: an array, sections
+    Psf(Box<PsfArgs>),
     /// Compare two lenses
     Diff(Box<DiffArgs>),
     /// Trace a design into a lens pack: heights, relative illumination and PSFs
     Trace(Box<TraceArgs>),
     /// Print the pinhole camera whose picture is the chart of a film, for a renderer
     Camera(Box<CameraArgs>),
+    /// Print what a lens leaves of the light: transmission, reflectance of each surface
+    Light(Box<LightArgs>),
     /// List the built-in lenses with their sources
     List(ListArgs),
     #[command(
@@ -55,7 +62,7 @@ pub struct ListArgs {
     #[arg(long)]
     pub json: bool,
     /// Write a cross-section of each lens with rays into this directory: NAME.svg and NAME.png
-    #[arg(long, value_name = "DIR")]
+    #[arg(long, value_name = "DIR", value_parser = figures())]
     pub plot: Option<PathBuf>,
     /// Replace existing figures
     #[arg(long, requires = "plot")]
@@ -98,25 +105,156 @@ pub struct ShowArgs {
     /// Show all bands of a pack
     #[arg(long)]
     pub all_bands: bool,
-    /// Print JSON
+    /// Print JSON, with the tables
     #[arg(long)]
     pub json: bool,
+    /// Write the tables into this directory, a file NAME.csv each
+    #[arg(long, value_name = "DIR")]
+    pub csv: Option<PathBuf>,
     /// Write figures (SVG and PNG) into this directory: RI, distortion, lateral colour, MTF, PSFs, encircled energy, nodes; of a design
     /// also spots, ray and OPD fans, field curvature, MTF through focus, cross-section
-    #[arg(long, value_name = "DIR")]
+    #[arg(long, value_name = "DIR", value_parser = figures())]
     pub plot: Option<PathBuf>,
-    /// Replace existing figures
-    #[arg(long, requires = "plot")]
+    /// Replace existing figures and tables
+    #[arg(long)]
     pub overwrite: bool,
     /// Colours of figures
     #[arg(long, value_parser = one_of(STYLE), default_value = "light")]
     pub style: Style,
-    /// Spatial frequencies of the MTF against field, line pairs per mm
+    /// Spatial frequencies of the MTF, line pairs per mm; of the MTF through focus the middle one
     #[arg(long, value_name = "F,…", value_parser = bounded(bounds::FREQUENCY_LP_MM), value_delimiter = ',', default_value = "10,20,40")]
     pub lp_mm: Vec<f64>,
+    /// Tables of --json and --csv [default: all but wavefront-map]
+    #[arg(long, value_name = "NAME,…", value_enum, value_delimiter = ',', hide_possible_values = true, help_heading = "Tables",
+        help = format!("Tables of --json and --csv, of {} [default: all but wavefront-map]", TableName::list()))]
+    pub tables: Option<Vec<TableName>>,
+    /// Rings of the spots: 6 k rays on ring k, one in the middle
+    #[arg(long, value_name = "N", value_parser = clap::value_parser!(u16).range(1..=200), default_value = "6", help_heading = "Tables")]
+    pub rings: u16,
+    /// Side of the grid of rays of the wavefront, an even number
+    #[arg(long, value_name = "N", value_parser = wavefront_samples, default_value = "64", help_heading = "Tables")]
+    pub wavefront_samples: usize,
+    /// Azimuth of the field points on the film, degrees from x to y: x and y of the wavefront are those of the film
+    #[arg(long, value_name = "DEG", value_parser = bounded(bounds::AZIMUTH_DEG), default_value_t = 0.0, allow_hyphen_values = true, help_heading = "Tables")]
+    pub azimuth_deg: f64,
+    /// Film positions of the MTF through focus, mm, -0.1:0.1:0.02 or a list [default: 11, to twice the depth of the middle frequency]
+    #[arg(long, value_name = "MM", allow_hyphen_values = true, help_heading = "Tables")]
+    pub focus_mm: Option<String>,
+    /// Radii of the encircled energy, µm [default: 14 from 0.5 to 100]
+    #[arg(long, value_name = "UM,…", value_parser = bounded(bounds::RADIUS_UM), value_delimiter = ',', help_heading = "Tables")]
+    pub radii_um: Option<Vec<f64>>,
     /// Parameters of a design.
     #[command(flatten)]
     pub design: DesignArgs,
+}
+
+/// A table of `lens show`.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, ValueEnum)]
+#[allow(missing_docs, reason = "the variants are the values of the flag")]
+pub enum TableName {
+    FirstOrder,
+    CardinalPoints,
+    ParaxialRays,
+    Seidel,
+    RealRays,
+    Fields,
+    FieldCurvature,
+    Spots,
+    Wavefront,
+    ZernikeStandard,
+    ZernikeFringe,
+    WavefrontMap,
+    Mtf,
+    MtfPolychromatic,
+    MtfThroughFocus,
+    EncircledEnergy,
+}
+
+impl TableName {
+    /// Its value of the flag, which is the name of its file.
+    pub fn name(self) -> String {
+        self.to_possible_value().map_or_else(String::new, |v| v.get_name().to_owned())
+    }
+
+    fn list() -> String {
+        Self::value_variants().iter().map(|v| v.name()).collect::<Vec<_>>().join(", ")
+    }
+}
+
+/// The side of the grid of a wavefront.
+fn wavefront_samples(text: &str) -> Result<usize, String> {
+    let (min, max) = SAMPLES;
+    let side = text.trim().parse().ok().filter(|n: &usize| n.is_multiple_of(2) && (min..=max).contains(n));
+    side.ok_or_else(|| format!("expected an even number from {min} to {max}"))
+}
+
+/// `lenscube lens psf`
+#[derive(Debug, Args)]
+#[command(after_help = "Examples:\n  lenscube lens psf double-gauss-28 --at 0,10 --wavelength 550\n  \
+lenscube lens psf my.zmx psf.npy --at 12,-8 --pitch-um 2 --integrate --normalise peak --sections psf.csv")]
+pub struct PsfArgs {
+    /// Design file, or name of a built-in design
+    #[arg(value_name = "DESIGN", help = format!("Design file ({DESIGN_FILES}), or name of a built-in design (`lens list`)"))]
+    pub design: String,
+    /// Array to write: .npy (float32, rows by columns) or .csv (x_um,y_um,psf)
+    #[arg(value_name = "OUT")]
+    pub out: Option<PathBuf>,
+    /// REAL image point X,Y on the film, mm from the axis; rows of the film run towards +Y
+    #[arg(long, value_name = "X,Y", value_parser = film_point, default_value = "0,0", allow_hyphen_values = true)]
+    pub at: (f64, f64),
+    /// Wavelength, nm [default: primary wavelength of the design]
+    #[arg(long, value_name = "NM", value_parser = bounded(bounds::WAVELENGTH_NM))]
+    pub wavelength: Option<f64>,
+    /// Pitch of samples or pixels, µm [default: half of the Nyquist pitch]
+    #[arg(long, value_name = "UM", value_parser = pitch)]
+    pub pitch_um: Option<f64>,
+    /// Samples or pixels a side, an odd number: the chief ray is in the middle of the middle one
+    #[arg(long, value_name = "N", value_parser = psf_size, default_value = "129")]
+    pub size: usize,
+    /// Integrate over pixels of the pitch instead of point samples
+    #[arg(long)]
+    pub integrate: bool,
+    /// What the values are
+    #[arg(long, value_enum, default_value_t = Normalise::Light)]
+    pub normalise: Normalise,
+    /// Write sections and line spread functions through the chief ray along x and y of the film as CSV
+    #[arg(long, value_name = "FILE.csv")]
+    pub sections: Option<PathBuf>,
+    /// Print JSON, with the sections
+    #[arg(long)]
+    pub json: bool,
+    /// Replace existing files
+    #[arg(long)]
+    pub overwrite: bool,
+    /// Parameters of the design.
+    #[command(flatten)]
+    pub parameters: DesignArgs,
+}
+
+/// Normalisation of a PSF.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, ValueEnum)]
+pub enum Normalise {
+    /// Share of all the light of the field point on the area of a sample: the sum is the light in the window
+    Light,
+    /// Sum 1 in the window
+    Sum,
+    /// Largest value 1
+    Peak,
+    /// Over the peak of the same pupil without aberrations: the value at the chief ray is the Strehl ratio
+    Strehl,
+}
+
+impl Normalise {
+    /// Its value of the flag.
+    pub fn name(self) -> String {
+        self.to_possible_value().map_or_else(String::new, |v| v.get_name().to_owned())
+    }
+}
+
+/// The side of a PSF.
+fn psf_size(text: &str) -> Result<usize, String> {
+    let side = text.trim().parse().ok().filter(|n: &usize| n % 2 == 1 && (3..=2049).contains(n));
+    side.ok_or_else(|| "expected an odd number from 3 to 2049".into())
 }
 
 /// `lenscube lens diff`
@@ -170,8 +308,11 @@ pub struct TraceArgs {
     #[arg(long, value_name = "MM")]
     pub heights: Option<String>,
     /// Minimum share of the energy inside every PSF window
-    #[arg(long, value_parser = positive, default_value = "0.99")]
+    #[arg(long, value_name = "SHARE", value_parser = share, default_value = "0.99")]
     pub energy: f64,
+    /// Maximum PSF window, an odd number of film pixels [default: 401; 639 with --depths-m]
+    #[arg(long, value_name = "N", value_parser = |text: &str| window_px(text, TraceOptions::WIDEST_PX))]
+    pub max_window_px: Option<usize>,
     /// Maximum error of a kernel between nodes, L1 at film pixels
     #[arg(long, value_parser = positive, default_value = "0.01")]
     pub psf_tolerance: f64,

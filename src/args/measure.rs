@@ -1,7 +1,7 @@
 //! `lenscube measure`.
 
 use super::choices::{STYLE, one_of};
-use super::values::{bounded, pair_within};
+use super::values::{bounded, figure, pair_within};
 use clap::{ArgGroup, Args};
 use formats::picture::style::Style;
 use pipeline::bounds;
@@ -45,7 +45,7 @@ pub struct MeasureArgs {
     #[arg(long, value_name = "FILE")]
     pub json: Option<PathBuf>,
     /// Write a plot of the curves, PNG or SVG by the extension
-    #[arg(long, alias = "svg", value_name = "FILE", conflicts_with = "points")]
+    #[arg(long, alias = "svg", value_name = "FILE", value_parser = figure(), conflicts_with = "points")]
     pub plot: Option<PathBuf>,
     /// Replace existing files
     #[arg(long)]

@@ -2,6 +2,7 @@
 
 use super::values::{bytes, threads};
 use clap::Args;
+use formats::chart::AxisOrder;
 use std::path::PathBuf;
 
 /// `lenscube pyramid`
@@ -40,6 +41,9 @@ pub struct ViewArgs {
     /// Chart of the film, for comparison [default: the generated chart recorded in the film]
     #[arg(long, value_name = "CHART")]
     pub chart: Option<String>,
+    /// Axes of the array of --chart, or of a chart as FILM, slowest first, as for `lenscube run`
+    #[arg(long, value_name = "AXES")]
+    pub axes: Option<AxisOrder>,
     /// Lens: pack, .zmx or built-in lens [default: the built-in lens recorded in the film]
     #[arg(long, value_name = "LENS")]
     pub lens: Option<String>,

@@ -5,6 +5,7 @@ use super::depth::DepthArgs;
 use super::design::DESIGN_FILES;
 use super::device::{Device, EngineArg};
 use super::placement::PlacementArgs;
+use super::tracing::TracingArgs;
 use super::values::{azimuths, bytes, keep_bits, odd, positive, roi, storage, threads, unit};
 use clap::{Args, ValueEnum};
 use formats::chart::AxisOrder;
@@ -33,13 +34,16 @@ pub struct RunArgs {
          A file with the name of a built-in lens is given as ./NAME"
     ))]
     pub lens: String,
+    /// How a design is traced.
+    #[command(flatten)]
+    pub tracing: TracingArgs,
     /// Array of the chart's file or store, the same as CHART//NAME
     #[arg(long, value_name = "NAME", conflicts_with = "chart_shape", help_heading = "Chart")]
     pub var: Option<String>,
     /// Shape of a raw chart, stored band after band, or in the order of --axes
     #[arg(long, value_name = "BANDS,ROWS,COLUMNS", requires = "chart_dtype", help_heading = "Chart")]
     pub chart_shape: Option<String>,
-    /// Sample type of a raw chart: u8, u16, f16, f32 or f64; prefix `>` for big-endian; or NumPy's u1, u2, f2, f4, f8
+    /// Sample type of a raw chart: u8, u16, f16, f32 or f64; prefix `>` for big-endian; or NumPy's u1, u2, u4, i2, i4, f2, f4, f8
     #[arg(long, value_name = "TYPE", requires = "chart_shape", help_heading = "Chart")]
     pub chart_dtype: Option<String>,
     /// Axes of the chart's array, slowest first, where names of dimensions do not give them: y,x,wavelength (Zarr, HDF5, .npy, raw; of a
@@ -163,6 +167,7 @@ impl RunArgs {
             chart: chart.into(),
             film: film.into(),
             lens: DEFAULT_LENS.into(),
+            tracing: TracingArgs::default(),
             var: None,
             chart_shape: None,
             chart_dtype: None,

@@ -1,7 +1,7 @@
 //! `lenscube sensor`.
 
 use super::choices::{RESAMPLE, one_of};
-use super::values::{bounded, bytes, number, pair_mm, positive, roi, threads};
+use super::values::{bounded, bytes, figures, number, pair_mm, positive, roi, threads};
 use clap::{Args, Subcommand};
 use pipeline::bounds;
 use pipeline::geometry::{Rect, Size};
@@ -50,7 +50,7 @@ pub struct SensorShowArgs {
     #[arg(long, value_name = "FIELD=VALUE")]
     pub set: Vec<String>,
     /// Write figures of quantum efficiency and signal-to-noise ratio into this directory
-    #[arg(long, value_name = "DIR")]
+    #[arg(long, value_name = "DIR", value_parser = figures())]
     pub plot: Option<PathBuf>,
     /// Replace existing figures
     #[arg(long, requires = "plot")]
@@ -93,6 +93,9 @@ pub struct ExposeArgs {
     /// The raw to write: a Zarr v3 group, here or at s3://BUCKET/PREFIX; or one frame as .dng, or as 16-bit grey in .tif or .png
     #[arg(value_name = "RAW", required = true)]
     pub raw: Option<PathBuf>,
+    /// Write digital numbers to .tif and .png as they are [default: multiplied, so that 65535 is the largest one]
+    #[arg(long)]
+    pub keep_dn: bool,
     /// Name of a built-in sensor (`lenscube sensor list`) or a description (.toml); of a raw that kept its signal, by default its own
     #[arg(long, value_name = "NAME|FILE")]
     pub sensor: Option<String>,
@@ -182,6 +185,7 @@ impl ExposeArgs {
         Self {
             film: Some(film.into()),
             raw: Some(raw.into()),
+            keep_dn: false,
             sensor: None,
             set: Vec::new(),
             exposure: None,

@@ -2,10 +2,12 @@
 
 use super::choices::{DEMOSAIC, one_of};
 use super::depth::DepthArgs;
-use super::values::{bytes, pitch, positive, threads, unit};
+use super::tracing::TracingArgs;
+use super::values::{bytes, pitch, positive, size, threads, unit};
 use clap::Args;
 use formats::chart::AxisOrder;
 use pipeline::develop::Demosaic;
+use pipeline::geometry::Size;
 use std::path::PathBuf;
 
 /// `lenscube shoot`
@@ -45,9 +47,9 @@ pub struct ShootArgs {
     /// Identify the chart by the content of its files, as for `lenscube run`
     #[arg(long)]
     pub check_input: bool,
-    /// Surfaces at several distances, and the lens's focus, as for `lenscube run`.
-    #[command(flatten)]
-    pub surfaces: DepthArgs,
+    /// Film size in pixels: N or WxH, as for `lenscube run`
+    #[arg(long, value_name = "WxH", value_parser = size)]
+    pub film_size: Option<Size>,
     /// Film pitch where the chart has none
     #[arg(long, value_name = "UM", value_parser = pitch)]
     pub film_pitch_um: Option<f64>,
@@ -84,4 +86,10 @@ pub struct ShootArgs {
     /// Replace an existing picture, and film and raw of other jobs; those of this job are resumed
     #[arg(long)]
     pub overwrite: bool,
+    /// Surfaces at several distances, and the lens's focus, as for `lenscube run`.
+    #[command(flatten)]
+    pub surfaces: DepthArgs,
+    /// How a design is traced, as for `lenscube run`.
+    #[command(flatten)]
+    pub tracing: TracingArgs,
 }

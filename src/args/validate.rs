@@ -28,8 +28,8 @@ pub struct ValidateArgs {
     #[arg(long)]
     pub bands: Option<String>,
     /// Side of the film in pixels, 4096 to 100000; measurement positions are proportional to it
-    #[arg(long, value_name = "PX", default_value_t = 14141, value_parser = clap::value_parser!(u32).range(4096..=100_000))]
-    pub size: u32,
+    #[arg(long, alias = "size", value_name = "PX", default_value_t = 14141, value_parser = clap::value_parser!(u32).range(4096..=100_000))]
+    pub film_size: u32,
     /// Film pixel pitch in µm
     #[arg(long, value_name = "UM", value_parser = pitch, default_value = "2")]
     pub film_pitch_um: f64,

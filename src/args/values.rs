@@ -1,7 +1,9 @@
 //! Parsers of argument values.
 
+use clap::builder::{PathBufValueParser, TypedValueParser};
 use pipeline::bounds::{self, Bound};
 use pipeline::geometry::{Rect, Size};
+use std::path::{Path, PathBuf};
 
 pub(super) fn number(text: &str) -> Result<f64, String> {
     match text.trim().parse::<f64>() {
@@ -12,6 +14,20 @@ pub(super) fn number(text: &str) -> Result<f64, String> {
 
 pub(super) fn positive(text: &str) -> Result<f64, String> {
     number(text).and_then(|v| if v > 0.0 { Ok(v) } else { Err(format!("{v} is not greater than 0")) })
+}
+
+/// A share of the whole, without 0 and 1.
+pub(super) fn share(text: &str) -> Result<f64, String> {
+    number(text).and_then(|v| match v > 0.0 && v < 1.0 {
+        true => Ok(v),
+        false => Err(format!("{v} is not a share between 0 and 1, both excluded")),
+    })
+}
+
+/// Side of the largest PSF window, at most `max` film pixels.
+pub(super) fn window_px(text: &str, max: usize) -> Result<usize, String> {
+    let side = text.trim().parse::<usize>().ok().filter(|n| n % 2 == 1 && (3..=max).contains(n));
+    side.ok_or_else(|| format!("expected an odd number of film pixels from 3 to {max}"))
 }
 
 /// Parser of a number within `bound`.
@@ -29,6 +45,11 @@ pub(super) fn pair_within(bound: Bound, text: &str) -> Result<(f64, f64), String
 /// A position on the film, px.
 pub(super) fn pair(text: &str) -> Result<(f64, f64), String> {
     pair_within(bounds::AXIS_PX, text)
+}
+
+/// A position on the film, mm from the axis.
+pub(super) fn film_point(text: &str) -> Result<(f64, f64), String> {
+    pair_within(bounds::FILM_POINT_MM, text)
 }
 
 /// A position on the ideal image plane, mm.
@@ -121,11 +142,42 @@ pub(super) fn threads(text: &str) -> Result<usize, String> {
     }
 }
 
+/// A number of units.
+pub(super) fn units(text: &str) -> Result<usize, String> {
+    let number = text.trim().parse::<usize>().ok().filter(|n| (1..=1_000_000).contains(n));
+    number.ok_or_else(|| "expected a number of units from 1 to 1000000".into())
+}
+
 pub(super) fn shard_rows(text: &str) -> Result<usize, String> {
     match text.parse::<usize>() {
         Ok(n) if n > 0 => Ok(n),
         _ => Err("expected a number of shard rows, 1 or more".into()),
     }
+}
+
+/// Endings of files of figures.
+const FIGURES: [&str; 2] = ["png", "svg"];
+/// Endings of files that are no directory of figures.
+const FILES: [&str; 9] = ["png", "svg", "pdf", "eps", "jpg", "jpeg", "tif", "npy", "csv"];
+
+fn ending(path: &Path) -> String {
+    path.extension().map_or_else(String::new, |e| e.to_string_lossy().to_ascii_lowercase())
+}
+
+/// The file of a figure, .png or .svg.
+pub(super) fn figure() -> impl TypedValueParser<Value = PathBuf> {
+    PathBufValueParser::new().try_map(|path| match FIGURES.contains(&&*ending(&path)) {
+        true => Ok(path),
+        false => Err("expected a name ending with .png or .svg (other programs convert .svg to .pdf)"),
+    })
+}
+
+/// The directory of figures.
+pub(super) fn figures() -> impl TypedValueParser<Value = PathBuf> {
+    PathBufValueParser::new().try_map(|path| match FILES.contains(&&*ending(&path)) && !path.is_dir() {
+        true => Err("expected a directory, in which figures are written as .svg and .png"),
+        false => Ok(path),
+    })
 }
 
 /// `1GiB`, `512MiB`, `4G`: binary units with i, decimal without.

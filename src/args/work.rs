@@ -1,7 +1,7 @@
 //! `lenscube plan`, and the arguments of `lenscube run` beside those of the job.
 
 use super::run::RunArgs;
-use super::values::shard_rows;
+use super::values::{shard_rows, units};
 use clap::builder::ArgPredicate;
 use clap::{Args, ValueEnum};
 use std::path::PathBuf;
@@ -47,7 +47,7 @@ pub struct WorkArgs {
     #[arg(long, value_name = "job.json")]
     pub plan: Option<PathBuf>,
     /// Units to compute, both ends included: 7, or 3-9,12, or env:NAME for an environment variable such as SLURM_ARRAY_TASK_ID or
-    /// JOB_COMPLETION_INDEX [default: all]
+    /// JOB_COMPLETION_INDEX; an empty list computes nothing [default: all]
     #[arg(long, value_name = "UNITS", requires = "plan")]
     pub unit: Option<String>,
     /// Progress: auto (on stderr: a bar on a terminal, else plain), bar, plain (a line every ten seconds), jsonl (on stdout: one JSON object
@@ -85,7 +85,11 @@ pub struct PlanArgs {
     /// Plan file to write; in a directory it is named plan-DIGEST.json
     #[arg(short, long, value_name = "job.json", default_value = ".")]
     pub output: PathBuf,
-    /// Shard rows per unit [default: complete bands, divided if that gives too few units]
+    /// Divide into at least N units, as equal as bands and shard rows allow [default: a unit for each band; of jobs of many core seconds and few
+    /// bands more, at least 24; of small jobs fewer, of at least 4 core seconds each]
+    #[arg(long, value_name = "N", value_parser = units, conflicts_with = "unit_rows")]
+    pub units: Option<usize>,
+    /// Shard rows per unit [default: those of complete bands]
     #[arg(long, value_name = "N", value_parser = shard_rows)]
     pub unit_rows: Option<usize>,
     /// Trace a design into this lens pack (directory or .zip) and use it in the plan, so that workers need no trace cache

@@ -139,8 +139,8 @@ pub fn command(args: &BenchArgs) -> Result<()> {
         bench.threads,
         simd.isa().name(),
         bench.rounds,
-        args.size,
-        FILM_MM * 1e3 / f64::from(args.size)
+        args.film_size,
+        FILM_MM * 1e3 / f64::from(args.film_size)
     ));
     match args.device {
         Device::Cpu => {
@@ -174,7 +174,7 @@ fn report(bench: &Bench<'_>) {
     map.insert("device".into(), bench.args.device.to_string().into());
     map.insert("engine".into(), bench.simd.isa().name().into());
     map.insert("rounds".into(), bench.rounds.into());
-    map.insert("size_px".into(), bench.args.size.into());
+    map.insert("size_px".into(), bench.args.film_size.into());
     map.insert("bands".into(), bench.args.bands.into());
     map.insert("lens".into(), bench.args.lens.clone().into());
     map.extend(bench.figures.iter().map(|f| (f.key.clone(), f.value.clone())));

@@ -51,7 +51,7 @@ fn draw(args: &GeneratedArgs) -> Result<()> {
             spec.set(key, value).map_err(|e| usage(format!("--{flag} {value}: {e}")))?;
         }
     }
-    if let Some(note) = size_order_note("--size", spec.film) {
+    if let Some(note) = size_order_note("--film-size", spec.film) {
         log_line(format!("note: {note}"));
     }
     let chart = Generator::new(spec).map_err(|e| usage(e.to_string()))?;

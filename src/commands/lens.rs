@@ -7,12 +7,15 @@ mod cross_section;
 mod curves;
 mod diff;
 mod import;
+mod light;
 mod list;
 pub mod plots;
+mod psf;
 mod psf_figure;
 mod show;
 mod shown;
 mod spot_figure;
+pub mod tables;
 pub mod trace;
 
 use crate::args::{LensArgs, LensCommand};
@@ -22,8 +25,10 @@ use anyhow::Result;
 pub fn command(args: &LensArgs) -> Result<()> {
     match &args.command {
         LensCommand::Show(args) => show::command(args),
+        LensCommand::Psf(args) => psf::command(args),
         LensCommand::Diff(args) => diff::command(args),
         LensCommand::Camera(args) => camera::command(args),
+        LensCommand::Light(args) => light::command(args),
         LensCommand::List(args) => list::command(args),
         LensCommand::Convert(args) => convert::command(args),
         LensCommand::Trace(args) => trace::command(args),

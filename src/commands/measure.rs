@@ -10,7 +10,7 @@ use crate::args::MeasureArgs;
 use crate::failure::usage;
 use crate::open::{self, Chart};
 use crate::outputs::check_absent;
-use crate::progress::print;
+use crate::progress::{number, print};
 use anyhow::{Context, Result};
 use formats::chart::NanPolicy;
 use formats::durable::{AtomicFile, finish_together};
@@ -59,12 +59,12 @@ pub fn command(args: &MeasureArgs) -> Result<()> {
     };
     let mut measured = Vec::new();
     for band in bands {
-        let nm = all_nm[band];
-        let one =
-            measure(args, &chart, band, nm).with_context(|| format!("measuring {} at {nm} nm", args.film))?;
-        print(format!("{nm} nm: {}", one.summary));
+        let (nm, shown) = (all_nm[band], number(all_nm[band]));
+        let one = measure(args, &chart, band, nm)
+            .with_context(|| format!("measuring {} at {shown} nm", args.film))?;
+        print(format!("{shown} nm: {}", one.summary));
         for remark in &one.remarks {
-            print(format!("{nm} nm: DOUBTFUL: {}", remark.text));
+            print(format!("{shown} nm: DOUBTFUL: {}", remark.text));
         }
         measured.push(one);
     }

@@ -34,6 +34,7 @@ fn of_command(command: &Command) -> Result<Guard> {
             .reads_chart("scene", &args.scene)
             .reads_surfaces(&args.surfaces)
             .reads_lens(&args.lens)
+            .reads_glasses(&args.tracing)
             .may_write("--plot", args.plot.as_ref()),
         Command::Run(args) if args.work.plan.is_none() => Guard::of_job(&args.job),
         Command::Sensor(args) => match &args.command {
@@ -116,8 +117,12 @@ fn of_lens(command: &LensCommand) -> Guard {
     match command {
         LensCommand::Show(args) => {
             let guard = design(guard.reads_lens(&args.lens), &args.design);
-            in_directory(guard, "--plot", args.plot.as_deref(), lens::plots::all_files())
+            let guard = in_directory(guard, "--plot", args.plot.as_deref(), lens::plots::all_files());
+            in_directory(guard, "--csv", args.csv.as_deref(), lens::tables::all_files())
         }
+        LensCommand::Psf(args) => design(guard.reads_lens(&args.design), &args.parameters)
+            .may_write("OUT", args.out.as_ref())
+            .may_write("--sections", args.sections.as_ref()),
         LensCommand::Trace(args) => {
             design(guard.reads_lens(&args.design), &args.parameters).writes("OUT.lens.zarr", &args.out)
         }
@@ -125,11 +130,17 @@ fn of_lens(command: &LensCommand) -> Guard {
             .reads_as("design", &args.design, catalogues(&args.design))
             .writes("OUT", &args.out)
             .writes("OUT", catalogue_path(&args.out)),
-        LensCommand::Import(args) => guard
-            .reads_as("source", &args.source.display().to_string(), entries(&args.source))
-            .writes("OUT.lens.zarr", &args.out),
+        LensCommand::Import(args) => {
+            let sources = args.source.iter();
+            let guard = sources.fold(guard, |guard, source| {
+                guard.reads_as("source", &source.display().to_string(), entries(source))
+            });
+            guard
+                .may_write("OUT.lens.zarr", args.out.as_ref())
+                .may_write("--template", args.template.as_ref())
+        }
         LensCommand::List(args) => guard.may_write("--plot", args.plot.as_ref()),
-        LensCommand::Diff(_) | LensCommand::Camera(_) => guard,
+        LensCommand::Diff(_) | LensCommand::Camera(_) | LensCommand::Light(_) => guard,
     }
 }
 
@@ -147,7 +158,8 @@ fn of_exposure(args: &ExposeArgs) -> Result<Guard> {
 
 fn of_shot(args: &ShootArgs) -> Guard {
     let guard = Guard::default().reads_chart("chart", &args.chart).reads_surfaces(&args.surfaces);
-    let guard = reads_sensor(guard.reads_lens(&args.lens), &args.sensor);
+    let guard = guard.reads_lens(&args.lens).reads_glasses(&args.tracing);
+    let guard = reads_sensor(guard, &args.sensor);
     let directory = if args.keep.is_some() { "--keep" } else { "the temporary directory" };
     let guard = guard.writes("OUT", &args.out).writes_in(directory, &shoot::directory(args), shoot::STORES);
     match shoot::is_negative(&args.out) {
@@ -156,9 +168,10 @@ fn of_shot(args: &ShootArgs) -> Guard {
     }
 }
 
-/// Glass catalogues that are given.
+/// Glass catalogues and coatings that are given.
 fn design(guard: Guard, args: &DesignArgs) -> Guard {
-    args.glass_catalog.iter().fold(guard, |guard, path| guard.reads("glass catalogue", path))
+    let guard = args.glass_catalog.iter().fold(guard, |guard, path| guard.reads("glass catalogue", path));
+    args.coatings.file().into_iter().fold(guard, |guard, path| guard.reads("coatings", path))
 }
 
 /// What is in a folder of exports, where a pack may be written under another name; else the path itself.

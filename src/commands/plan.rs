@@ -10,11 +10,11 @@ pub mod unit_list;
 pub use command_line::CommandLine;
 pub use file::{Plan, Totals};
 
-use crate::args::{DepthArgs, Device, EngineArg, NO_HIDDEN, PlanArgs, RunArgs};
+use crate::args::{DepthArgs, Device, EngineArg, NO_HIDDEN, PlanArgs, RunArgs, TracingArgs};
 use crate::failure::usage;
 use crate::film;
 use crate::job::film_engine;
-use crate::job::{Job, PlannedBands};
+use crate::job::{Job, PlannedBands, UntracedJob};
 use crate::open::is_builtin;
 use crate::progress::{log_line, plural, print};
 use anyhow::Result;
@@ -46,13 +46,16 @@ pub fn command(args: &PlanArgs, matches: &ArgMatches) -> Result<u8> {
     if let Some(path) = &args.lens_pack {
         run.lens = lens_pack::write(&run, path)?;
         // The pack has them.
+        run.tracing = TracingArgs::default();
         run.surfaces = DepthArgs { focus_m: None, gap: Vec::new(), depth_tolerance: None, ..run.surfaces };
     }
     let command = worker_command(&run, matches)?;
     let engine = film_engine::planned(&args.job)?;
-    let mut job = Job::new(&run)?;
+    let untraced = UntracedJob::new(&run)?;
+    film::check_before_tracing(&untraced, &run)?;
+    let mut job = untraced.traced()?;
     job.engine = engine;
-    let plan = make(&job, &run, command, args.unit_rows)?;
+    let plan = make(&job, &run, command, args)?;
     plan.check_output(&args.output)?;
     let store = film::open(&job, &run)?;
     film_engine::check(&store, engine, run.mixed_engines)?;
@@ -67,8 +70,8 @@ pub fn command(args: &PlanArgs, matches: &ArgMatches) -> Result<u8> {
     Ok(0)
 }
 
-fn make(job: &Job, run: &RunArgs, command: CommandLine, unit_rows: Option<usize>) -> Result<Plan> {
-    let units = cut::units(job, unit_rows);
+fn make(job: &Job, run: &RunArgs, command: CommandLine, args: &PlanArgs) -> Result<Plan> {
+    let units = cut::units(job, args.unit_rows, args.units);
     let provenance = film::expected_provenance(job, run)?;
     let attribute = |key: &str| provenance.get(key).and_then(Value::as_str).unwrap_or_default().to_owned();
     Ok(Plan {
@@ -108,10 +111,18 @@ fn worker_command(run: &RunArgs, matches: &ArgMatches) -> Result<CommandLine> {
             ("--gap", surfaces.gap.is_empty()),
             ("--depth-tolerance", surfaces.depth_tolerance.is_none()),
         ];
-        ["--lens", "--depth", "--hidden"].into_iter().any(is)
+        let has = |flag: &&str| run.tracing.given().contains(flag);
+        ["--lens", "--depth", "--hidden", "--glass-catalog"].into_iter().any(is)
             || of_pack.iter().any(|(name, has)| *has && is(name))
+            || TracingArgs::FLAGS.iter().any(|flag| !has(flag) && is(flag))
     };
     line.flags.retain(|flag| !of_path(flag));
+    for catalogue in &run.tracing.glass_catalog {
+        let catalogue = catalogue.to_str().ok_or_else(|| {
+            usage("the path of a --glass-catalog is not UTF-8, so it cannot be stored in a plan")
+        })?;
+        line.flags.push(format!("--glass-catalog={}", absolute_path(catalogue)?));
+    }
     for group in &run.surfaces.hidden {
         let group = if group == NO_HIDDEN { group.clone() } else { absolute_chart(group)? };
         line.flags.push(format!("--hidden={group}"));
@@ -135,13 +146,14 @@ fn print_summary(plan: &Plan, path: &Path) {
     let core_s =
         |pick: fn(f64, f64) -> f64| plan.units.iter().map(|u| u.cost.core_s).reduce(pick).unwrap_or(0.0);
     log_line(format!(
-        "{}: {}, 0 to {}, of at most {} x {} each, {shards} shards; tiles at unit borders are computed in both \
+        "{}: {}, 0 to {}, of at most {} x {} each, {}; tiles at unit borders are computed in both \
          units: {tiles_again} of {tiles} ({:.1} %)",
         path.display(),
         plural(n, "unit"),
         n - 1,
         plural(first.bands.len(), "band"),
         plural(rows, "shard row"),
+        plural(shards, "shard"),
         100.0 * tiles_again as f64 / tiles as f64
     ));
     log_line(format!(

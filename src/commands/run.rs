@@ -39,8 +39,8 @@ use crate::open;
 use crate::outputs::Guard;
 use crate::progress::interrupt;
 use crate::progress::jsonl::Jsonl;
-use crate::progress::mib;
 use crate::progress::{Bars, detail_line, json_path, log_line, plural, report_kept, resume_note};
+use crate::progress::{mib, number};
 use anyhow::{Context, Result};
 use clap::ArgMatches;
 use display::Display;
@@ -90,7 +90,7 @@ pub fn command(args: &RunCommand, matches: &ArgMatches) -> Result<u8> {
 /// Those of the run; the exit code otherwise.
 pub fn run_job(args: &RunArgs, jsonl: Option<&Jsonl>, progress: ProgressArg) -> Result<u8> {
     let start = Instant::now();
-    let job = Job::new(args)?;
+    let job = forecast::resolved(args)?;
     forecast::check_space_of_new_film(&job, args)?;
     interrupt::listen();
     let store = film::open(&job, args)?;
@@ -110,6 +110,13 @@ fn run_units(units: &Units, given: &RunCommand, matches: &ArgMatches, jsonl: Opt
     let start = Instant::now();
     if let Some(jsonl) = jsonl {
         jsonl.set_plan(&units.name, &units.listed());
+    }
+    if units.is_empty() {
+        log_line("--unit names no unit: nothing to do");
+        if let Some(jsonl) = jsonl {
+            jsonl.write("done", record::nothing_done());
+        }
+        return Ok(0);
     }
     let args = units.args(&given.job, &CommandLine::given(matches)?)?;
     Guard::of_job(&args).reads("plan", &units.path).check()?;
@@ -328,7 +335,7 @@ fn display<'a>(task: &Task<'a>, job: &'a Job, tiles: &[(u64, u64)]) -> Display<'
     match task.jsonl {
         Some(jsonl) => Display::Lines { jsonl, job, store: task.store },
         None => {
-            let names = job.plans.iter().map(|p| format!("{} nm", p.lens.wavelength_nm)).collect();
+            let names = job.plans.iter().map(|p| format!("{} nm", number(p.lens.wavelength_nm))).collect();
             let pixels: Vec<u64> = tiles.iter().map(|t| t.1).collect();
             Display::Bars(Bars::new(names, &pixels, task.progress))
         }

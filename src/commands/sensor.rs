@@ -45,6 +45,15 @@ pub fn is_file(out: &Path) -> Result<bool> {
     Ok(picture::format_of(out)?.is_some())
 }
 
+/// Fails if a film of `film_um` is too coarse for the sensor `name`, before the film is made.
+///
+/// # Errors
+/// Usage; the sensor cannot be read.
+pub fn check_film_pitch(name: &str, film_um: f64) -> Result<()> {
+    let sensor = open::open_sensor(name, &[])?.sensor(film_um);
+    geometry::check_pitch(&sensor, film_um, "give `", "")
+}
+
 /// Runs the command; the exit code.
 pub fn command(args: &SensorArgs) -> Result<u8> {
     match &args.command {
@@ -60,7 +69,14 @@ pub fn expose(args: &ExposeArgs) -> Result<u8> {
     let (Some(film), Some(out)) = (&args.film, &args.raw) else {
         return Err(usage("expected FILM and RAW; see `lenscube sensor --help`"));
     };
-    match picture::format_of(out)? {
+    let format = picture::format_of(out)?;
+    if args.keep_dn && !matches!(format, Some(picture::FileFormat::Tiff | picture::FileFormat::Png)) {
+        return Err(usage(format!(
+            "--keep-dn is for .tif and .png; {} has digital numbers in any case",
+            out.display()
+        )));
+    }
+    match format {
         Some(format) => picture::command(args, film, (out, format)),
         None => raw::expose(args, &RawJob::new(args, film)?, out),
     }

@@ -5,6 +5,7 @@ use crate::args::{
     DevelopArgs, DevelopStyle, ExposeArgs, PlacementArgs, ProgressArg, RunArgs, ShootArgs, check_directory,
 };
 use crate::failure::{replacing_other_job, usage};
+use crate::job::UntracedJob;
 use crate::outputs::check_absent;
 use crate::progress::log_line;
 use anyhow::{Context, Result};
@@ -28,19 +29,18 @@ pub fn command(args: &ShootArgs) -> Result<u8> {
             "{out} is not developed: --white, --demosaic and --even-light are for pictures"
         )));
     }
-    if args.even_light && (args.surfaces.focus_m.is_some() || !args.surfaces.gap.is_empty()) {
+    let is_as_designed = args.surfaces.focus_m.is_none() && args.surfaces.gap.is_empty();
+    if args.even_light && !(is_as_designed && args.tracing.given().is_empty()) {
         return Err(usage(
-            "--even-light divides by the relative illumination of the lens as designed, not of another focus: develop with `lenscube develop --shading` and a flat \
-             field, or give a lens pack traced with --focus-m",
+            "--even-light divides by the relative illumination of the lens as designed, not of another focus or trace: develop with `lenscube develop --shading` and a flat \
+             field, or give a lens pack traced by `lenscube lens trace` with these flags",
         ));
     }
     check_absent(&args.out, args.overwrite)?;
     let directory = directory(args);
     check_directory(&directory)?;
-    formats::durable::create_directories(&directory, true)?;
     let [film, raw] = STORES.map(|name| text(&directory.join(name)));
     let (film, raw) = (film?, raw?);
-    log_line("1/3  film");
     let job = RunArgs {
         lens: args.lens.clone(),
         var: args.var.clone(),
@@ -49,11 +49,20 @@ pub fn command(args: &ShootArgs) -> Result<u8> {
         chart_units: args.chart_units.clone(),
         check_input: args.check_input,
         surfaces: args.surfaces.clone(),
-        placement: PlacementArgs { film_pitch_um: args.film_pitch_um, ..PlacementArgs::default() },
+        tracing: args.tracing.clone(),
+        placement: PlacementArgs {
+            film_size: args.film_size,
+            film_pitch_um: args.film_pitch_um,
+            ..PlacementArgs::default()
+        },
         threads: args.threads,
         memory: args.memory,
         ..RunArgs::new(&args.chart, &film)
     };
+    // What the sensor and the picture refuse is known before the film is made.
+    sensor::check_film_pitch(&args.sensor, UntracedJob::new(&job)?.pitch_um())?;
+    formats::durable::create_directories(&directory, true)?;
+    log_line("1/3  film");
     let code = replacing_other_job(
         args.overwrite,
         || run::run_job(&job, None, ProgressArg::Auto),

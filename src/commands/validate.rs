@@ -26,7 +26,7 @@ mod timing;
 
 use crate::args::{ValidateArgs, check_directory};
 use crate::failure::{Coded, code, other_job};
-use crate::progress::{detail_line, log_line};
+use crate::progress::{detail_line, log_line, number};
 use anyhow::{Context, Result};
 use band::{Films, compare};
 pub use film_maker::FilmMaker;
@@ -76,7 +76,7 @@ pub fn command(args: &ValidateArgs) -> Result<u8> {
     let films = Films::new(&setup, &edge_places::places(setup.size))?;
     let mut bands = Vec::new();
     for band in 0..setup.wavelengths_nm.len() {
-        let nm = setup.wavelengths_nm[band];
+        let nm = number(setup.wavelengths_nm[band]);
         let result = compare(&setup, &films, band).with_context(|| format!("comparing {nm} nm"))?;
         setup.steps.step();
         let min_iou = result.edges.iter().map(|e| e.agreement.iou).fold(1.0, f64::min);

@@ -1,7 +1,7 @@
 //! Step 4: the film's layout, the lens ready at the job's wavelengths, and the plan of each band (tables, FFT blocks, tiles).
 
 use super::arguments::Arguments;
-use super::film::{film_spec, gain, regions};
+use super::film::{gain, regions};
 use super::inputs::Inputs;
 use super::light;
 use crate::job::lens::{JobLens, TracedFor, UntracedLens};
@@ -26,13 +26,17 @@ pub struct JobPlan {
 }
 
 impl JobPlan {
-    /// Plans the job of `inputs`, traces `lens` if it is a design.
+    /// Plans the job of `inputs` with the layout `film`, traces `lens` if it is a design.
     ///
     /// # Errors
-    /// Layout of the film not possible; the lens does not cover film or wavelengths; tracing failed.
-    pub fn new(arguments: &Arguments<'_>, inputs: &Inputs, lens: UntracedLens) -> Result<Self> {
+    /// The lens does not cover film or wavelengths; tracing failed.
+    pub fn new(
+        arguments: &Arguments<'_>,
+        inputs: &Inputs,
+        lens: UntracedLens,
+        film: FilmSpec,
+    ) -> Result<Self> {
         let (args, frame, options) = (arguments.given, &inputs.frame, &arguments.options);
-        let film = film_spec(arguments, frame, inputs.selected_nm.clone(), inputs)?;
         let nm = inputs.wavelengths_nm();
         let depth = match &inputs.depth {
             None => None,
@@ -41,7 +45,8 @@ impl JobPlan {
                 Some(TracedFor { surfaces: &depth.surfaces, options })
             }
         };
-        let lens = JobLens::new(lens, frame, &nm, options, arguments.threads, depth)?;
+        let lens = JobLens::new(lens, frame, &nm, options, arguments.threads, depth);
+        let lens = lens.map_err(|e| light::with_likely_pitch(args, e))?;
         let plan = |&nm: &f64| {
             let plan = match &inputs.depth {
                 None => BandPlan::new(frame, lens.lens(), nm, options),

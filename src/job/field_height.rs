@@ -16,7 +16,7 @@ pub fn field_height_mm(lens: &UntracedLens) -> Result<Option<f64>> {
         UntracedLens::Pack(pack) => {
             pack.lens().bands.iter().map(|band| band.ideal_height_at(band.reach_mm())).reduce(f64::min)
         }
-        UntracedLens::Design(system, ..) => Some(describe(system)?.paraxial_image_height_mm),
+        UntracedLens::Design(design) => Some(describe(&design.system)?.paraxial_image_height_mm),
     }
     .filter(|mm| *mm > 0.0))
 }

@@ -4,7 +4,7 @@ use super::depth::Depth;
 use super::film::chart_units;
 use super::inputs::Inputs;
 use super::keys::{DIGEST, MTIMES};
-use crate::args::RunArgs;
+use crate::args::{CoatingsArg, RunArgs};
 use crate::open::{Chart, is_builtin};
 use anyhow::Result;
 use formats::durable::is_url;
@@ -118,13 +118,17 @@ pub fn source(args: &RunArgs, chart: &Chart) -> Value {
         false => absolute(&args.chart),
     };
     let size = chart.size();
-    json!({
+    let mut source = json!({
         "chart": chart_path,
         "array": args.var,
         "chart_px": { "x": size.width, "y": size.height },
         "chart_units": chart_units(args, chart),
         "lens": if is_builtin(&args.lens) { args.lens.clone() } else { absolute(&args.lens) },
-    })
+    });
+    if args.tracing.coatings != CoatingsArg::Ideal {
+        source["coatings"] = args.tracing.coatings.to_string().into();
+    }
+    source
 }
 
 /// The absolute path of a local file, if the current directory is known.

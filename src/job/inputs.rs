@@ -32,7 +32,7 @@ impl Opened {
             check_has_files(Path::new(&args.chart))?;
         }
         let chart = open_chart(args, args.nan)?;
-        let lens = UntracedLens::open_focused(&args.lens, &args.surfaces)?;
+        let lens = UntracedLens::open_focused(&args.lens, &args.surfaces, &args.tracing)?;
         let surfaces = SurfacePaths::of_job(&args.surfaces, &args.chart, &chart)?;
         Ok(Self { chart, lens, surfaces })
     }

@@ -4,6 +4,7 @@ pub mod attributes;
 mod blur;
 pub mod cache;
 pub mod depth_nodes;
+pub mod energy;
 mod estimate;
 mod reach;
 pub mod samples;
@@ -11,7 +12,7 @@ mod traced;
 mod tracing;
 mod tracing_job;
 
-use crate::args::{DEPTH_TOLERANCE, DepthArgs, DesignArgs};
+use crate::args::{DEPTH_TOLERANCE, DepthArgs, TracingArgs};
 use crate::design::{self, DesignFile};
 use crate::failure::usage;
 use crate::open;
@@ -33,6 +34,7 @@ use pipeline::psf::kernel::on_demand::PsfReader;
 use pipeline::simd::Simd;
 use std::sync::Arc;
 use traced::Traced;
+pub use tracing::without_flags;
 pub use tracing_job::TracedFor;
 use tracing_job::TracingJob;
 
@@ -44,27 +46,50 @@ const SHARP_PX: f64 = 0.25;
 pub enum UntracedLens {
     /// Tables and PSFs in a file, or built in.
     Pack(Box<LensPack>),
-    /// A design, its name, and its file unless it is built in.
-    Design(Box<System>, String, Option<DesignFile>),
+    /// A design.
+    Design(Box<UntracedDesign>),
+}
+
+/// A design before it is traced.
+pub struct UntracedDesign {
+    /// The design.
+    pub system: System,
+    /// As given.
+    pub name: String,
+    /// Its file unless it is built in.
+    pub file: Option<DesignFile>,
+    /// How it is traced; none in commands without these flags, by which it is traced as by default.
+    pub tracing: Option<TracingArgs>,
 }
 
 impl UntracedLens {
-    /// Opens a design, a pack, or a built-in lens.
+    /// Opens a design, a pack, or a built-in lens, for a command without flags of tracing.
     pub fn open(name: &str) -> Result<Self> {
-        Self::open_focused(name, &DepthArgs::default())
+        let opened = Self::open_focused(name, &DepthArgs::default(), &TracingArgs::default())
+            .map_err(|e| without_flags(name, e))?;
+        Ok(match opened {
+            Self::Design(design) => Self::Design(Box::new(UntracedDesign { tracing: None, ..*design })),
+            pack => pack,
+        })
     }
 
-    /// Opens a design with the gaps and the focus of `given`, or a pack.
+    /// Opens a design with the gaps and the focus of `given`, to be traced as `tracing` says, or a pack.
     ///
     /// # Errors
-    /// Focus, gaps or tolerance for a pack; a design that cannot be focused there.
-    pub fn open_focused(name: &str, given: &DepthArgs) -> Result<Self> {
+    /// Flags of designs for a pack; a design that cannot be focused there.
+    pub fn open_focused(name: &str, given: &DepthArgs, tracing: &TracingArgs) -> Result<Self> {
         if design::is_design(name) {
-            let args = DesignArgs { gap: given.gap.clone(), ..DesignArgs::default() };
-            let (system, file) = design::focused(name, &args, given.focus_m)?;
-            return Ok(Self::Design(Box::new(system), name.to_owned(), file));
+            let (system, file) = design::focused(name, &tracing.design(&given.gap), given.focus_m)?;
+            let (name, tracing) = (name.to_owned(), Some(tracing.clone()));
+            return Ok(Self::Design(Box::new(UntracedDesign { system, name, file, tracing })));
         }
         let pack = Box::new(open::lens(name)?);
+        if let [flags @ .., last] = &tracing.given()[..] {
+            let before = if flags.is_empty() { String::new() } else { format!("{} and ", flags.join(", ")) };
+            return Err(usage(format!(
+                "{before}{last}: expected a design; lens `{name}` is a lens pack, which was traced before"
+            )));
+        }
         match given.focus_m.is_some() || !given.gap.is_empty() || given.depth_tolerance.is_some() {
             false => Ok(Self::Pack(pack)),
             true => Err(usage(format!(
@@ -133,7 +158,8 @@ impl UntracedLens {
                 let blur_um = lens.depth.as_ref().map_or(flat_um, |depth| depth.blur_per_dioptre_um);
                 (lens.distortion_focal_length_mm, blur_um)
             }
-            Self::Design(system, ..) => {
+            Self::Design(design) => {
+                let system = &design.system;
                 let first = Paraxial::new(system, system.primary_um())?;
                 let focal_mm = first.distortion_focal_length_mm;
                 (focal_mm, first.entrance_radius_mm * focal_mm.abs())
@@ -148,7 +174,7 @@ impl UntracedLens {
     pub fn focus(&self, given: &DepthArgs) -> Result<f64> {
         Ok(match (given.focus_m, self) {
             (Some(metres), _) => 1.0 / metres,
-            (None, Self::Design(system, ..)) => system.object_vergence()?,
+            (None, Self::Design(design)) => design.system.object_vergence()?,
             (None, Self::Pack(pack)) => {
                 let flat = pack.lens().object_distance_mm.map_or(0.0, |mm| 1e3 / mm);
                 pack.lens().depth.as_ref().map_or(flat, LensDepth::focus)
@@ -169,7 +195,8 @@ impl UntracedLens {
     pub fn conjugate(&self) -> Result<Option<(f64, f64)>> {
         let (magnification, distance) = match self {
             Self::Pack(pack) => (pack.lens().magnification, pack.lens().object_distance_mm),
-            Self::Design(system, ..) => {
+            Self::Design(design) => {
+                let system = &design.system;
                 let options = TraceOptions::new(Vec::from([system.primary_um() * 1e3]), 1e-3);
                 let header = LensTrace::new(system, &options)?.header();
                 (header.magnification, header.object_distance_mm)
@@ -200,10 +227,22 @@ impl JobLens {
     ) -> Result<Self> {
         match input {
             UntracedLens::Pack(pack) => Ok(Self::Pack(Arc::from(pack))),
-            UntracedLens::Design(system, name, file) => {
-                let job = TracingJob { system: &system, name: &name, frame, options, depth };
-                let traced = tracing::trace(&job, wavelengths_nm, threads);
-                let traced = traced.with_context(|| format!("tracing {name}"))?;
+            UntracedLens::Design(design) => {
+                let UntracedDesign { system, name, file, tracing } = *design;
+                let job = TracingJob {
+                    system: &system,
+                    name: &name,
+                    frame,
+                    options,
+                    tracing: tracing.as_ref(),
+                    depth,
+                };
+                let traced = self::tracing::trace(&job, wavelengths_nm, threads);
+                let traced = traced.with_context(|| format!("tracing {name}"));
+                let traced = match &tracing {
+                    Some(_) => traced?,
+                    None => traced.map_err(|e| without_flags(&name, e))?,
+                };
                 Ok(Self::Traced(Box::new(Traced { file, ..traced })))
             }
         }
@@ -322,6 +361,14 @@ impl JobLens {
         match self {
             Self::Pack(pack) => pack.notes(),
             Self::Traced(traced) => &traced.notes,
+        }
+    }
+
+    /// For a film in physical units: what coatings would take from the light of a design without them.
+    pub fn ideal_light(&self) -> Option<&str> {
+        match self {
+            Self::Pack(_) => None,
+            Self::Traced(traced) => traced.ideal_light.as_deref(),
         }
     }
 

@@ -2,6 +2,7 @@
 
 use super::bands::JobPlan;
 use super::film::chart_units;
+use super::light;
 use crate::args::{FilmUnits, RunArgs, size_order_note};
 use crate::job::light_units::{self, Quantity};
 use crate::open::{self, Chart, is_builtin};
@@ -22,6 +23,7 @@ pub fn notes(args: &RunArgs, chart: &Chart, plan: &JobPlan) -> Result<Vec<String
     let mut notes = plan.lens.notes().to_vec();
     notes.extend(open::notes(chart));
     notes.extend(args.placement.film_size.and_then(|size| size_order_note("--film-size", size)));
+    notes.extend(light::pitch_note(args));
     notes.extend(scale_note(args, chart));
     if is_builtin(&args.lens) && Path::new(&args.lens).symlink_metadata().is_ok() {
         notes.push(format!(
@@ -43,6 +45,7 @@ pub fn notes(args: &RunArgs, chart: &Chart, plan: &JobPlan) -> Result<Vec<String
     }
     if args.film_units != FilmUnits::Relative {
         notes.extend(radiance_note(args, chart));
+        notes.extend(plan.lens.ideal_light().map(str::to_owned));
     }
     Ok(notes)
 }

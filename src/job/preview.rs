@@ -9,6 +9,7 @@ use super::stretch::RemapStretch;
 use crate::args::{DepthArgs, DepthMiss, DepthReportArgs};
 use crate::failure::{line, usage};
 use crate::job::cost::core_s;
+use crate::job::lens::depth_nodes::trace_core_s;
 use crate::job::lens::{TracedFor, UntracedLens, estimated};
 use crate::job::memory::{GpuDemand, Memory, MemoryInputs};
 use crate::machine::{MAX_DEFAULT, MemoryLimit, threads};
@@ -48,6 +49,8 @@ pub struct UntracedNodes {
     pub l1: f64,
     /// Their PSFs, bytes.
     pub bytes: u64,
+    /// Core seconds of their trace.
+    pub core_s: f64,
 }
 
 /// Plan of a band.
@@ -94,7 +97,7 @@ impl Opened {
     /// # Errors
     /// They cannot be opened; the film's pitch is not known.
     pub fn new(args: &DepthReportArgs) -> Result<Self> {
-        let lens = UntracedLens::open_focused(&args.lens, &args.surfaces)?;
+        let lens = UntracedLens::open_focused(&args.lens, &args.surfaces, &args.tracing)?;
         let (chart, paths) = scene(args)?;
         let named = Named { chart_name: &args.scene, chart: &chart, lens_name: &args.lens, lens: &lens };
         let frame = frame(&args.placement, named)?;
@@ -180,14 +183,14 @@ impl Preview {
 fn lens_nm(lens: &UntracedLens) -> f64 {
     match lens {
         UntracedLens::Pack(pack) => pack.lens().primary_wavelength_nm,
-        UntracedLens::Design(system, ..) => system.primary_um() * 1e3,
+        UntracedLens::Design(design) => design.system.primary_um() * 1e3,
     }
 }
 
 fn lens_name(lens: &UntracedLens) -> String {
     match lens {
         UntracedLens::Pack(pack) => pack.lens().name.clone(),
-        UntracedLens::Design(system, ..) => system.name.clone(),
+        UntracedLens::Design(design) => design.system.name.clone(),
     }
 }
 
@@ -202,11 +205,23 @@ fn planned(
     let is_flat = lens.is_within_focus(&args.lens, &depth.surfaces, frame.pitch_um)?;
     let (tables, untraced) = match lens {
         UntracedLens::Pack(pack) => (pack.lens().clone(), None),
-        UntracedLens::Design(system, name, _) => {
+        UntracedLens::Design(design) => {
             let options = lens.depth_options(&args.surfaces, depth.range)?;
             let traced_for = TracedFor { surfaces: &depth.surfaces, options };
-            let found = estimated((system, name), frame, &options_of(args.outside), traced_for)?;
-            (found.lens, Some(UntracedNodes { l1: found.l1, bytes: found.bytes }))
+            let found = estimated(
+                (&design.system, &design.name, &args.tracing),
+                frame,
+                &options_of(args.outside),
+                traced_for,
+            )?;
+            (
+                found.lens,
+                Some(UntracedNodes {
+                    l1: found.l1,
+                    bytes: found.needed.bytes,
+                    core_s: trace_core_s(&found.needed),
+                }),
+            )
         }
     };
     let primary = lens_nm(lens);

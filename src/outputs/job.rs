@@ -1,7 +1,7 @@
 //! Inputs and the film of a job.
 
 use super::guard::Guard;
-use crate::args::{DepthArgs, RunArgs};
+use crate::args::{DepthArgs, RunArgs, TracingArgs};
 
 impl Guard {
     /// Inputs and the film of a job.
@@ -10,7 +10,14 @@ impl Guard {
             .reads_chart("chart", &args.chart)
             .reads_surfaces(&args.surfaces)
             .reads_lens(&args.lens)
+            .reads_glasses(&args.tracing)
             .writes("FILM", &args.film)
+    }
+
+    /// Adds glass catalogues.
+    pub fn reads_glasses(self, args: &TracingArgs) -> Self {
+        let guard = args.glass_catalog.iter().fold(self, |guard, path| guard.reads("glass catalogue", path));
+        args.coatings.file().into_iter().fold(guard, |guard, path| guard.reads("coatings", path))
     }
 
     /// Adds distances and hidden surfaces.

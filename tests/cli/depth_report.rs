@@ -46,6 +46,23 @@ fn json(result: CommandResult, code: i32) -> Value {
 }
 
 #[test]
+fn forecast_of_a_design_on_coarse_pixels_contains_its_trace() {
+    let scene = Scene::new();
+    let depth = scene.depth("depth.npy", |row, _, _| 1.9 + 0.0005 * row as f32);
+    let words =
+        ["depth", text(&depth), "--lens", "double-gauss-28", "--focus-m", "2", "--film-pitch-um", "48"];
+    let size = ["--film-size", "60x40", "--json", "--threads", "2"];
+    let found = json(lenscube(&[&words[..], &size].concat()), 0);
+    let band = &found["band"];
+    let nodes = band["node_vergences_per_m"].as_array().unwrap().len();
+    // A run places 31 of them; their number by blur radius alone was 5.
+    assert!((24..=38).contains(&nodes), "{nodes} nodes");
+    assert!(band["trace_core_s"].as_f64().unwrap() > 1.0, "{band}");
+    let text = lenscube(&[&words[..], &size[..2]].concat()).ok().stdout;
+    assert!(text.contains("core seconds a band") && text.contains(" to trace its nodes"), "{text}");
+}
+
+#[test]
 fn suspicious_pixels_are_counted_with_an_example() {
     let scene = Scene::new();
     let depth = scene.depth("bad.npy", |row, column, z| match (row, column) {

@@ -174,7 +174,7 @@ fn number_after(text: &str, name: &str) -> f64 {
 #[test]
 fn the_camera_of_a_lens_is_the_pinhole_at_its_entrance_pupil() {
     let double_gauss = ["lens", "camera", "double-gauss-28", "--focus-m", "2", "--image-plane", "paraxial"];
-    let film = ["--film", "1400x1000", "--pitch-um", "2"];
+    let film = ["--film-size", "1400x1000", "--film-pitch-um", "2"];
     let camera = |more: &[&str]| lenscube(&[&double_gauss[..], &film, more].concat()).ok().stdout;
     let json: serde_json::Value = serde_json::from_str(&camera(&["--json"])).unwrap();
     let value = |key: &str| json[key].as_f64().unwrap();

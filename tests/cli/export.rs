@@ -257,3 +257,73 @@ fn dash_writes_the_bytes_of_the_file_to_standard_output() {
     let (size, bands) = flat(&dir.path().join("b.npy"));
     assert_eq!((size.pixels(), bands.len()), (301 * 277, 1));
 }
+
+#[test]
+fn openexr_exports_of_one_film_are_the_same_bytes() {
+    let dir = tempfile::tempdir().unwrap();
+    let film = dir.path().join("f.zarr");
+    lenscube(&[
+        "chart",
+        "checker",
+        text(&film),
+        "--film-size",
+        "40",
+        "--film-pitch-um",
+        "2",
+        "--wavelengths",
+        "500,550",
+    ])
+    .ok();
+    let export = |k: usize| {
+        let out = dir.path().join(format!("{k}.exr"));
+        lenscube(&["export", text(&film), text(&out)]).ok();
+        std::fs::read(out).unwrap()
+    };
+    let first = export(0);
+    // Four attributes in random order are equal once in 24 times.
+    assert!((1..5).all(|k| export(k) == first));
+}
+
+#[test]
+fn figures_of_other_endings_are_refused() {
+    let dir = tempfile::tempdir().unwrap();
+    let film = dir.path().join("f.zarr");
+    lenscube(&[
+        "chart",
+        "slanted-edge",
+        text(&film),
+        "--film-size",
+        "100",
+        "--film-pitch-um",
+        "2",
+        "--wavelengths",
+        "550",
+    ])
+    .ok();
+    for name in ["x.pdf", "x.npy", "x"] {
+        let plot = dir.path().join(name);
+        let words = ["measure", text(&film), "--profile", "10,10,90,90", "--plot", text(&plot)];
+        crate::common::assert_exit(&lenscube(&words), 2, &[".png or .svg"]);
+        let depth = [
+            "depth",
+            "gen:depth-scene?size=60",
+            "--lens",
+            "phone",
+            "--film-pitch-um",
+            "2",
+            "--plot",
+            text(&plot),
+        ];
+        crate::common::assert_exit(&lenscube(&depth), 2, &[".png or .svg"]);
+        assert!(!plot.exists());
+    }
+    let plot = dir.path().join("x.pdf");
+    for words in [["lens", "show", "phone"], ["sensor", "show", "example-2um"], ["lens", "list", "-q"]] {
+        let refused = lenscube(&[&words[..], &["--plot", text(&plot)]].concat());
+        crate::common::assert_exit(&refused, 2, &["expected a directory"]);
+        assert!(!plot.exists());
+    }
+    let plot = dir.path().join("x.SVG");
+    lenscube(&["measure", text(&film), "--profile", "10,10,90,90", "--plot", text(&plot)]).ok();
+    assert!(plot.exists());
+}

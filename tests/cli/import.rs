@@ -59,7 +59,7 @@ fn design_program_export_without_psfs_is_imported() {
 fn imported_pack_is_usable_in_a_run() {
     let dir = tempfile::tempdir().unwrap();
     let (out, film) = (dir.path().join("example.lens.zip"), dir.path().join("film.zarr"));
-    import(&data("tables-example"), &out, &["--azimuths", "8"]).ok();
+    import(&data("../../data/tables-example"), &out, &["--azimuths", "8"]).ok();
     let chart = "gen:uniform?size=64&wavelengths=500,550";
     crate::common::run(chart, &film, text(&out), &["--film-pitch-um", "2"]).ok();
     let (_, bands) = crate::common::pixels(&film, "film");
@@ -137,4 +137,24 @@ fn broken_exports_fail_with_file_and_line() {
         fs::write(at("AsphereF=2mm_DI_.dat"), change).unwrap();
         assert_import_fails(dir.path(), &["--without-psf"], 1, &words);
     }
+}
+
+#[test]
+fn template_is_imported_at_once() {
+    let dir = tempfile::tempdir().unwrap();
+    let (folder, out) = (dir.path().join("my lens"), dir.path().join("my.lens.zip"));
+    let template = || lenscube(&["lens", "import", "--template", text(&folder)]);
+    assert!(template().ok().stderr.contains("explained in README.md"));
+    import(&folder, &out, &["--azimuths", "8"]).ok();
+    assert_eq!(LensPack::open(&out).unwrap().lens().bands.len(), 2);
+    // Edited files are kept.
+    fs::write(folder.join("lens.csv"), "mine").unwrap();
+    let again = template();
+    assert_eq!(again.code, 3, "{}", again.stderr);
+    assert_eq!(fs::read_to_string(folder.join("lens.csv")).unwrap(), "mine");
+    let help = lenscube(&["lens", "import", "--help"]).ok().stdout;
+    for (file, column) in [("heights.csv", "relative_illumination"), ("psf.csv", "psf_energy")] {
+        assert!(help.contains(file) && help.contains(column), "{help}");
+    }
+    assert_eq!(lenscube(&["lens", "import", "source"]).code, 2);
 }

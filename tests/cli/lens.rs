@@ -1,10 +1,15 @@
 //! `lenscube lens trace | show | diff`, and runs whose lens is a design.
 
+mod coatings;
 mod commands;
 mod design_files;
+mod figures;
+mod opticstudio;
 mod runs;
 
-use crate::common::{CommandResult, Picture, assert_exit, bits, files, lenscube, pixels, text};
+use crate::common::{
+    CommandResult, Picture, assert_error_line, assert_exit, bits, files, lenscube, pairs, pixels, text,
+};
 use formats::lens::LensPack;
 use pipeline::geometry::Size;
 use serde_json::Value;
@@ -16,6 +21,11 @@ const FAILED: i32 = 1;
 const USAGE: i32 = 2;
 const OTHER_JOB: i32 = 3;
 const DESIGN: &str = include_str!("../../formats/data/lenses/double-gauss-28.zmx");
+
+/// What a command prints, as JSON.
+fn json(ran: CommandResult) -> Value {
+    serde_json::from_str(&ran.ok().stdout).unwrap()
+}
 
 /// `lens trace DESIGN OUT` of two bands and three heights to 3 mm: a second of work.
 fn trace(design: &str, out: &Path, flags: &[&str]) -> CommandResult {

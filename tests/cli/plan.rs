@@ -124,6 +124,7 @@ fn units_of_any_size_in_any_order_give_the_bytes_of_a_single_run() {
         (&["--unit-rows", "2", "--bands", "1"], 4),
         (&["--unit-rows", "3"], 6),
         (&["--unit-rows", "1"], 16),
+        (&["--units", "3"], 4),
         (&[], 1),
     ] {
         let planned = Planned::new(place(), flags);
@@ -167,7 +168,6 @@ fn units_are_given_by_list_or_environment_variable() {
     for (unit, words) in [
         ("16", &["no unit 16", "units 0 to 15"][..]),
         ("3-99", &["there is no unit 99"]),
-        ("", &["expected 7, or 3-9,12"]),
         ("5-3", &["must not exceed the last"]),
         ("seven", &["`seven` is not a unit"]),
         ("env:NOT_SET_HERE", &["NOT_SET_HERE is not set"]),
@@ -191,6 +191,7 @@ fn units_are_given_by_list_or_environment_variable() {
     crate::common::assert_exit(&planned.run(&missing, &[]), 0, &[]);
     let done = status_with(&["--missing", "--check"]).ok();
     assert_eq!(done.stdout, "");
+    crate::common::assert_exit(&planned.run(&done.stdout, &[]), 0, &["--unit names no unit: nothing to do"]);
     crate::common::assert_exit(&status_with(&["--check"]), 0, &["units   16 of 16"]);
 }
 

@@ -358,6 +358,20 @@ fn two_bands_at_one_wavelength_have_separate_tiles() {
     assert!(server.get_text("/api/content").contains("\"colour\":true"));
 }
 
+#[test]
+fn chart_without_wavelengths_has_those_of_the_film() {
+    let job = film();
+    let npy = job.at("chart.npy");
+    lenscube(&["export", text(&job.chart), text(&npy)]).ok();
+    let server = Server::start(&[text(&job.film), "--chart", text(&npy), "--axes", "wavelength,y,x"]);
+    let (size, chart) = pixels(&job.chart, "chart");
+    let reading = String::from_utf8(server.body("/api/pixel?x=300&y=77")).unwrap();
+    let list = reading.split("\"chart\":[").nth(1).and_then(|t| t.split(']').next()).unwrap();
+    let values: Vec<f32> = list.split(',').map(|v| v.parse().unwrap()).collect();
+    let expected: Vec<f32> = chart.iter().map(|b| b[77 * size.width + 300]).collect();
+    assert_eq!(values, expected);
+}
+
 /// A raw: its development has the pixels of `lenscube develop`, its mosaic those of the store, with and without levels.
 #[test]
 fn raw_is_shown_developed_and_as_its_mosaic() {

@@ -217,7 +217,7 @@ fn raw(spec: &str, shape: &str, dtype: &str, request: &ChartRequest<'_>) -> Resu
     let sides = sides.ok_or_else(invalid)?;
     let Some((sample, little_endian)) = parse_dtype(dtype) else {
         return Err(ChartError::Usage(format!(
-            "--chart-dtype {dtype}: expected u8, u16, f16, f32 or f64, prefix `>` for big-endian; or NumPy's u1, u2, f2, f4, f8"
+            "--chart-dtype {dtype}: expected u8, u16, f16, f32 or f64, prefix `>` for big-endian; or NumPy's u1, u2, u4, i2, i4, f2, f4, f8"
         )));
     };
     let layout = RasterLayout::raw(&sides, axes, sample, little_endian).map_err(|_| invalid())?;

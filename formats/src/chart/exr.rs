@@ -29,7 +29,7 @@ use crate::durable::DurableError;
 use crate::sample::{RasterSample, Sample};
 use decode::Blocks;
 pub use header::ExrContent;
-use header::{check_header, content, exr_error, named_channel, notes};
+use header::{alpha_of, check_header, content, exr_error, named_channel, notes};
 
 /// An OpenEXR file whose header has been read.
 #[derive(Debug)]
@@ -40,6 +40,8 @@ pub struct ExrFile {
     pub content: ExrContent,
     /// Whether there is an alpha channel.
     pub has_alpha: bool,
+    /// The alpha channel of the channels that are read.
+    pub alpha: Option<String>,
 }
 
 /// Whether `path` is a file with the extension `exr`.
@@ -85,6 +87,7 @@ fn open_bands(path: &Path, wanted: &[String], nan: NanPolicy) -> Result<ExrFile,
         [] => content(path, header)?,
         wanted => (ExrContent::Grey, vec![named_channel(path, header, wanted)?]),
     };
+    let first = channels.first().copied();
     let text = |name: &str| match header.own_attributes.other.iter().find(|(k, _)| *k == name) {
         Some((_, AttributeValue::Text(t))) => Some(t.to_string()),
         _ => None,
@@ -123,10 +126,12 @@ fn open_bands(path: &Path, wanted: &[String], nan: NanPolicy) -> Result<ExrFile,
         nan,
     };
     let blocks = Blocks { path: path.into(), size, channels, wanted: wanted.to_vec(), block_bytes };
+    let alpha = first.and_then(|channel| alpha_of(header, channel));
     Ok(ExrFile {
         chart: DecodedChart::new(declared, Box::new(blocks))?,
         content,
         has_alpha: header.channels.list.iter().any(|c| c.name == *"A"),
+        alpha,
     })
 }
 

@@ -13,7 +13,7 @@ use std::path::{Path, PathBuf};
 
 use pipeline::colour::srgb_decode;
 use pipeline::flow::ChartSource;
-use pipeline::geometry::Size;
+use pipeline::geometry::{Rect, Size};
 
 use super::error::ChartError;
 use super::exr::{self, ExrContent, ExrFile};
@@ -23,7 +23,7 @@ use super::raster::RasterChart;
 use super::raster::bands::BandFile;
 use super::values::Values;
 use crate::durable::DurableError;
-use crate::image::header::{ImageHeader, alpha_error, header_error};
+use crate::image::header::{ALPHA_NOTE, ImageHeader, header_error, transparent_error};
 use crate::image::whole::WholeImage;
 use crate::image::{png, tiff, whole};
 use crate::parallel::Progress;
@@ -92,12 +92,10 @@ impl ImageFile {
             }
             [0x76, 0x2f, 0x31, 0x01, ..] => {
                 let exr = exr::open(path, NanPolicy::Error)?;
-                if exr.has_alpha {
-                    return Err(alpha_error(path).into());
-                }
                 let channels = if exr.content == ExrContent::Rgb { 3 } else { 1 };
                 let size = exr.chart.size();
-                let notes = exr.chart.notes().to_vec();
+                let mut notes = exr.chart.notes().to_vec();
+                notes.extend(exr.alpha.is_some().then(|| ALPHA_NOTE.to_owned()));
                 (ImageHeader { size, channels, white: 0, notes }, Decoder::Exr(Box::new(exr)))
             }
             _ => {
@@ -153,6 +151,9 @@ impl ImageFile {
     ) -> Result<Box<dyn ChartSource>, ChartError> {
         let Self { path, header, decoder } = self;
         if let Decoder::Exr(exr) = decoder {
+            if let Some(alpha) = &exr.alpha {
+                check_opaque(&path, alpha, directory, threads)?;
+            }
             let chart = exr.chart;
             let bands: Vec<usize> = (0..chart.bands()).collect();
             chart.copy_bands(&bands, directory, threads, progress)?;
@@ -193,6 +194,21 @@ impl ImageFile {
         }
         Ok(Box::new(RasterChart::from_band_file(&path, out, NanPolicy::Error, None, Values::default())?))
     }
+}
+
+/// Fails unless the channel `alpha` is 1 everywhere.
+fn check_opaque(path: &Path, alpha: &str, directory: &Path, threads: usize) -> Result<(), ChartError> {
+    let channel = exr::open_channel(path, &[alpha], NanPolicy::Error)?;
+    channel.copy_bands(&[0], directory, threads, &|_, _| ())?;
+    let Size { height, width } = channel.size();
+    let mut line = vec![0.0; width];
+    for row in 0..height {
+        channel.read_rect(0, Rect::new(row as i64, 0, 1, width), &mut line)?;
+        if let Some(column) = line.iter().position(|v| *v != 1.0) {
+            return Err(transparent_error(path, row, column).into());
+        }
+    }
+    Ok(())
 }
 
 #[cfg(test)]

@@ -1,19 +1,20 @@
 //! Reader of AGF glass catalogues: the text format that glass makers publish for design programs.
 //!
 //! ```text
-//! NM <name> <formula> …      CD <coefficients>      LD <min µm> <max µm>
+//! NM <name> <formula> …      CD <coefficients>      LD <min µm> <max µm>      IT <µm> <transmittance> <thickness mm>
 //! ```
-//! Names consist of letters, digits and signs, without blanks. Lines with other keywords (comments, cost, thermal and chemical data,
-//! internal transmission) do not change the index at 20 °C and 1 atm and are skipped. ASCII, Latin-1, UTF-8 or UTF-16LE with BOM.
+//! Names consist of letters, digits and signs, without blanks. Lines with other keywords (comments, cost, thermal and chemical data) do not
+//! change index and absorption at 20 °C and 1 atm and are skipped. ASCII, Latin-1, UTF-8 or UTF-16LE with BOM.
 
 use super::error::LensFileError;
 use super::text::{decode, number};
 use super::writing::number as decimal;
+use pipeline::design::absorption::Absorption;
 use pipeline::design::glass::{Dispersion, Glass, GlassCatalog};
 use pipeline::design::model_glass::LINES_UM;
 
 /// Keywords that do not change the index at 20 °C.
-const SKIPPED: [&str; 8] = ["CC", "GC", "ED", "TD", "OD", "IT", "BD", "MD"];
+const SKIPPED: [&str; 7] = ["CC", "GC", "ED", "TD", "OD", "BD", "MD"];
 
 /// Reads a catalogue.
 ///
@@ -66,7 +67,7 @@ fn read_line<'a>(
             let name = words.next().ok_or("NM without a name")?.to_owned();
             let formula = words.next().and_then(number).filter(|f| (1.0..14.0).contains(f));
             let formula = formula.ok_or_else(|| format!("{name} has no dispersion formula of 1..13"))? as u8;
-            *open = Some(Draft { line, name, formula, c: None, range: None });
+            *open = Some(Draft { line, name, formula, c: None, range: None, absorption: Vec::new() });
         }
         "CD" | "LD" => {
             // After an entry that is not used there is no open glass.
@@ -78,6 +79,18 @@ fn read_line<'a>(
                 ("CD", _) => draft.c = Some(values),
                 (_, [a, b, ..]) if *a > 0.0 && b >= a => draft.range = Some((*a, *b)),
                 _ => return Err(format!("LD of {} is not an ascending range of µm", draft.name)),
+            }
+        }
+        "IT" => {
+            let Some(draft) = open.as_mut() else { return Ok(()) };
+            let values: Option<Vec<f64>> = words.map(number).collect();
+            // Records without a thickness are place holders; a glass without any other is one of unknown absorption.
+            if let Some([um, transmittance, thickness_mm, ..]) = values.as_deref()
+                && *um > 0.0
+                && (0.0..=1.0).contains(transmittance)
+                && *thickness_mm > 0.0
+            {
+                draft.absorption.push(Absorption::entry(*um, *transmittance, *thickness_mm));
             }
         }
         _ if SKIPPED.contains(&key) || open.is_none() => {}
@@ -121,6 +134,7 @@ struct Draft {
     formula: u8,
     c: Option<Vec<f64>>,
     range: Option<(f64, f64)>,
+    absorption: Vec<(f64, f64)>,
 }
 
 impl Draft {
@@ -130,7 +144,8 @@ impl Draft {
         let range_um =
             self.range.ok_or_else(|| bad(format!("{} has no wavelength range (LD)", self.name)))?;
         let dispersion = Dispersion::new(self.formula, c).map_err(|p| bad(format!("{}: {p}", self.name)))?;
-        catalog.add(Glass { name: self.name, dispersion, range_um });
+        let absorption = Absorption::new(self.absorption);
+        catalog.add(Glass { absorption, ..Glass::new(self.name, dispersion, range_um) });
         Ok(())
     }
 }
@@ -150,6 +165,9 @@ mod tests {
         assert_eq!(c.glasses().len(), 2);
         assert!((c.get("N-BK7").unwrap().index(0.587_561_8).unwrap() - 1.516_800).abs() < 1e-6);
         assert!((c.get("OLD").unwrap().index(0.5).unwrap() - 1.5).abs() < 1e-15);
+        let per_mm = c.get("N-BK7").unwrap().absorption.as_ref().unwrap().per_mm(0.3);
+        assert!((per_mm - -f64::ln(0.05) / 25.0).abs() < 1e-12);
+        assert!(c.get("OLD").unwrap().absorption.is_none());
     }
 
     #[test]

@@ -16,7 +16,7 @@ mod decentre;
 mod private;
 mod qualifier;
 
-use super::draft::{Draft, DraftSurface, INFINITE_MM, MAX_SURFACES};
+use super::draft::{Draft, DraftSurface, INFINITE_MM, MAX_SURFACES, radial_field};
 use super::error::LensFileError;
 use super::lens_file::is_zip;
 use super::options::ReadOptions;
@@ -26,7 +26,6 @@ use decentre::Decentre;
 use pipeline::design::glass::Glass;
 use pipeline::design::glass_library::GlassLibrary;
 use pipeline::design::system::{Aperture, FieldKind, ImagePlane, RayAiming, System};
-use pipeline::real;
 use private::PrivateCatalogue;
 use std::collections::BTreeMap;
 
@@ -277,7 +276,9 @@ impl Reader<'_> {
         };
         let at = |v: &[f64], i: usize| v.get(i).copied().unwrap_or(0.0);
         let count = self.x.len().max(self.y.len());
-        draft.fields = (0..count).map(|i| unit * real::hypot(at(&self.x, i), at(&self.y, i))).collect();
+        let kind = draft.field_kind;
+        draft.fields =
+            (0..count).map(|i| unit * radial_field(kind, at(&self.x, i), at(&self.y, i))).collect();
         let weight = |i: usize| self.weights.get(i).copied().unwrap_or(1.0);
         draft.wavelengths_um =
             self.wavelengths_nm.iter().enumerate().map(|(i, nm)| (nm / 1e3, weight(i))).collect();

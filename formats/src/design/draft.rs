@@ -11,6 +11,7 @@ use super::straight_axis::{Break, straighten};
 use pipeline::design::glass::Glass;
 use pipeline::design::shape::Shape;
 use pipeline::design::system::{Aperture, FieldKind, Medium, RayAiming, Surface, System};
+use pipeline::real;
 
 /// Object distances from here on count as infinite, mm.
 pub(super) const INFINITE_MM: f64 = 1e9;
@@ -20,6 +21,17 @@ const VIGNETTING_SLACK: f64 = 1e-6;
 
 /// Maximum number of surfaces; readers stop there.
 pub(super) const MAX_SURFACES: usize = 1000;
+
+/// Radial field of a point with components along x and y: of angles, which are projected (tan θ_x = L/N), atan √(tan² θ_x + tan² θ_y) in degrees.
+pub(super) fn radial_field(kind: Option<FieldKind>, x: f64, y: f64) -> f64 {
+    let is_angle = matches!(kind, None | Some(FieldKind::Angle));
+    // On a meridian the number of the file, without rounding.
+    if !is_angle || x == 0.0 || y == 0.0 {
+        return real::hypot(x, y);
+    }
+    let tan = |degrees: f64| real::tan(degrees.to_radians());
+    real::atan(real::hypot(tan(x), tan(y))).to_degrees()
+}
 
 /// A surface, and the gap behind it.
 #[derive(Clone, Debug, Default)]
@@ -40,6 +52,8 @@ pub(super) struct DraftSurface {
     pub(super) obscuration_mm: Option<f64>,
     /// Semi-diameter as drawn, mm; 0 if unknown.
     pub(super) semi_diameter_mm: f64,
+    /// Name of its coating.
+    pub(super) coating_name: Option<String>,
     /// Whether the semi-diameter was fixed by the designer.
     pub(super) is_fixed: bool,
     /// Tilts and decentres of this surface and of those behind it.
@@ -192,6 +206,8 @@ fn surface(
         aperture_mm: draft.clear_mm.or(fixed).filter(|_| !is_image),
         obscuration_mm: draft.obscuration_mm.filter(|r| !is_image && *r > 0.0),
         semi_diameter_mm: draft.semi_diameter_mm,
+        coating_name: draft.coating_name.clone(),
+        coating: None,
     })
 }
 

@@ -31,6 +31,12 @@ pub enum LensFileError {
         /// What is wrong.
         problem: String,
     },
+    /// A coating that is not known or cannot be used, or a coating file that cannot be read.
+    #[error("{problem}")]
+    Coating {
+        /// What is wrong.
+        problem: String,
+    },
     /// A file that is not what its ending says, or is not read.
     #[error("{problem}")]
     Content {

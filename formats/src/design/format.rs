@@ -14,7 +14,7 @@ pub type Read = fn(&[u8], &GlassLibrary, &ReadOptions) -> Result<System, LensFil
 /// Writes a lens; its glasses that are not built in go into a catalogue of that name beside it.
 pub type Write = fn(&System, &str) -> Result<Written, LensFileError>;
 
-/// The file of the lens in an archive, and its glass catalogues.
+/// The file of the lens in an archive, and its glass catalogues and coating files.
 pub type Unpack = fn(&[u8]) -> Result<(Member, Vec<Member>), LensFileError>;
 
 /// A format of lens files.
@@ -48,10 +48,15 @@ pub struct TextFormat {
     pub read: Read,
     /// The glass catalogues that a file names, in its order.
     pub catalogues: fn(&[u8]) -> Vec<String>,
+    /// The coating file that a file names.
+    pub coating_file: fn(&[u8]) -> Option<String>,
 }
 
 /// Of a format whose files name no catalogues.
 pub(super) const NO_CATALOGUES: fn(&[u8]) -> Vec<String> = |_| Vec::new();
+
+/// Of a format whose files name no coating file.
+pub(super) const NO_COATING_FILE: fn(&[u8]) -> Option<String> = |_| None;
 
 impl LensFormat {
     fn is_read(&self) -> bool {

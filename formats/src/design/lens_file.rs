@@ -12,12 +12,14 @@ use std::path::Path;
 /// Maximum size of the text of a design; a lens of a thousand surfaces has less than 1 MB.
 const MAX_TEXT_BYTES: usize = 8 << 20;
 
-/// The text of a lens, with its format and the glass catalogues of its archive.
+/// The text of a lens, with its format and the glass catalogues and coating files of its archive.
 pub struct LensFile {
     format: TextFormat,
     bytes: Vec<u8>,
     /// Catalogues that lie in the same archive.
     pub catalogues: Vec<Member>,
+    /// Coating files there.
+    pub coating_files: Vec<Member>,
 }
 
 fn ending(path: &Path) -> String {
@@ -61,17 +63,24 @@ impl LensFile {
             Content::Refused(problem) => Err(content_error(*problem)),
             Content::Text(format) => {
                 check_text(&bytes)?;
-                Ok(Self { format: *format, bytes, catalogues: Vec::new() })
+                Ok(Self { format: *format, bytes, catalogues: Vec::new(), coating_files: Vec::new() })
             }
             Content::Archive(unpack) => {
                 check_file(&bytes)?;
-                let (lens, catalogues) = unpack(&bytes)?;
+                let (lens, beside) = unpack(&bytes)?;
+                let (coating_files, catalogues) =
+                    beside.into_iter().partition(|m| m.name.to_lowercase().ends_with(".dat"));
                 let name = lens.name.clone();
                 let inner = Self::new(Path::new(&lens.name), lens.data)
                     .map_err(|source| LensFileError::Member { name, source: Box::new(source) })?;
-                Ok(Self { catalogues, ..inner })
+                Ok(Self { catalogues, coating_files, ..inner })
             }
         }
+    }
+
+    /// Name of the coating file that it names.
+    pub fn coating_file(&self) -> Option<String> {
+        (self.format.coating_file)(&self.bytes)
     }
 
     /// Names of the glass catalogues that it lists.

@@ -157,18 +157,20 @@ impl Bits<'_> {
     }
 }
 
-/// The lens of an archive, and its glass catalogues.
+/// The lens of an archive, and its glass catalogues and coating files.
 ///
 /// # Errors
 /// [`LensFileError::Incomplete`] if there is not one lens.
 pub fn lens(archive: &[u8]) -> Result<(Member, Vec<Member>), LensFileError> {
     let all = members(archive, &[".zmx", ".agf", ".zos"])?;
-    let (glasses, lenses): (Vec<_>, Vec<_>) =
+    let (mut beside, lenses): (Vec<_>, Vec<_>) =
         all.into_iter().partition(|m| m.name.to_lowercase().ends_with(".agf"));
+    // A coating file that is damaged matters only where its coatings are asked for: it is then missing.
+    beside.extend(members(archive, &[".dat"]).unwrap_or_default());
     let (zmx, others): (Vec<_>, Vec<_>) =
         lenses.into_iter().partition(|m| m.name.to_lowercase().ends_with(".zmx"));
     match <[Member; 1]>::try_from(zmx) {
-        Ok([lens]) => Ok((lens, glasses)),
+        Ok([lens]) => Ok((lens, beside)),
         Err(several) if several.is_empty() && !others.is_empty() => {
             Err(incomplete(format!("is a ZAR archive of {}; save the lens as .zmx", others[0].name)))
         }

@@ -17,7 +17,7 @@ mod line;
 mod surface;
 mod write;
 
-use super::draft::{Draft, MAX_SURFACES};
+use super::draft::{Draft, MAX_SURFACES, radial_field};
 use super::error::LensFileError;
 use super::options::ReadOptions;
 use super::text::decode;
@@ -67,6 +67,15 @@ pub fn catalogues(bytes: &[u8]) -> Vec<String> {
     let text = decode(bytes);
     let lists = text.lines().filter_map(|line| line.strip_prefix("GCAT "));
     lists.flat_map(str::split_whitespace).map(str::to_owned).collect()
+}
+
+/// The coating file that a design names; none if it names none.
+pub fn coating_file(bytes: &[u8]) -> Option<String> {
+    let text = decode(bytes);
+    let line = text.lines().find_map(|line| line.trim_start().strip_prefix("COFN "))?;
+    let quoted = line.split_once('"').and_then(|(_, rest)| rest.split_once('"')).map(|(name, _)| name);
+    let name = quoted.or_else(|| line.split_whitespace().find(|w| *w != "QF"))?;
+    Some(name.to_owned())
 }
 
 /// Keywords that end the last surface where lines are not indented.
@@ -278,7 +287,7 @@ impl Reader {
             Some(_) => self.scale,
         };
         let at = |v: &[f64], i: usize| v.get(i).copied().unwrap_or(0.0);
-        let radius = |i| unit * real::hypot(at(&self.x, i), at(&self.y, i));
+        let radius = |i| unit * radial_field(draft.field_kind, at(&self.x, i), at(&self.y, i));
         draft.fields = (0..self.field_count.max(1)).map(radius).collect();
         if draft.aiming.is_none() {
             draft.notes.push("no ray aiming given: rays are aimed at the paraxial entrance pupil".to_owned());

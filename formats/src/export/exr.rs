@@ -9,6 +9,7 @@
 //! the file depends on the regions, their contents do not.
 //! Not written: the optional RGB channels for viewers without spectral support, reflective (`T`) and polarised (`S1`-`S3`) channels.
 
+use std::collections::HashMap;
 use std::io::BufWriter;
 use std::path::Path;
 use std::sync::atomic::{AtomicU64, AtomicUsize, Ordering::Relaxed};
@@ -138,17 +139,32 @@ fn header(
     let text = |t: &str| AttributeValue::Text(Text::new_or_panic(latin1(t)));
     let comments = Some(Text::new_or_panic(latin1(samples.description)));
     let mut attributes = LayerAttributes { comments, ..LayerAttributes::default() };
-    attributes.other.insert(Text::new_or_panic("spectralLayoutVersion"), text("1.0"));
-    attributes.other.insert(Text::new_or_panic("emissiveUnits"), text(samples.units.unwrap_or("unknown")));
+    let mut own = vec![("emissiveUnits", text(samples.units.unwrap_or("unknown")))];
     if let Some(pitch_um) = samples.pitch_um {
-        attributes.other.insert(Text::new_or_panic("pixelPitchUm"), AttributeValue::F64(pitch_um));
         let origin = Vec2(rect.x as i32, rect.y as i32);
-        attributes.other.insert(Text::new_or_panic("originPx"), AttributeValue::IntVec2(origin));
+        own.extend([
+            ("originPx", AttributeValue::IntVec2(origin)),
+            ("pixelPitchUm", AttributeValue::F64(pitch_um)),
+        ]);
     }
+    own.push(("spectralLayoutVersion", text("1.0")));
+    attributes.other = in_order_of_names(own);
     let header = Header::new(Text::new_or_panic("spectrum"), size, channels.collect())
         .with_encoding(compression, BlockDescription::Tiles(tile), LineOrder::Unspecified)
         .with_attributes(attributes);
     Ok((header, order))
+}
+
+/// The attributes as a map that iterates in the given order, in which they are written. The order of a map follows from a random state of its own, so
+/// files of equal films would differ: maps are made until one has this order, for four attributes 24 on average.
+fn in_order_of_names(attributes: Vec<(&'static str, AttributeValue)>) -> HashMap<Text, AttributeValue> {
+    loop {
+        let pairs = attributes.iter().map(|(name, value)| (Text::new_or_panic(name), value.clone()));
+        let map: HashMap<Text, AttributeValue> = pairs.collect();
+        if map.keys().zip(&attributes).all(|(key, (name, _))| key.eq(name)) {
+            return map;
+        }
+    }
 }
 
 /// Texts of the format consist of Latin characters of one byte.

@@ -26,6 +26,23 @@ pub fn write_npy(path: &Path, samples: &Samples<'_>, progress: Progress<'_>) -> 
     Ok(written)
 }
 
+/// Begins the NPY file `path` of an array of `shape`, rows last.
+///
+/// # Errors
+/// [`DurableError`]; no file is created then.
+pub fn npy_file(
+    path: &Path,
+    shape: &[usize],
+    samples: impl Iterator<Item = f32>,
+) -> Result<AtomicFile, DurableError> {
+    let mut bytes = header_of_f32(shape);
+    bytes.extend(samples.flat_map(f32::to_le_bytes));
+    let file = AtomicFile::create(path)?;
+    let written = file.writer().write_all(&bytes);
+    written.map_err(|e| DurableError::io("write", path, bytes.len() as u64, e))?;
+    Ok(file)
+}
+
 /// Paths of data and header of an ENVI export to `path`, which is either.
 pub fn envi_files(path: &Path) -> (PathBuf, PathBuf) {
     let header = path.extension().is_some_and(|e| e.eq_ignore_ascii_case("hdr"));

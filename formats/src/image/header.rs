@@ -55,13 +55,13 @@ pub(crate) fn header_error(
 }
 
 /// The error for a file with an alpha channel.
-pub(crate) fn alpha_error(path: &Path) -> ImageError {
+pub(super) fn alpha_error(path: &Path) -> ImageError {
     let expected = "no transparency; flatten the image onto its background";
     header_error(path, "channels", expected, "an alpha channel")
 }
 
 /// Note on an alpha channel that must be opaque.
-pub(super) const ALPHA_NOTE: &str = "its alpha channel is dropped, and must be opaque everywhere";
+pub(crate) const ALPHA_NOTE: &str = "its alpha channel is dropped, and must be opaque everywhere";
 /// Note on a colour profile.
 pub(super) const PROFILE_NOTE: &str =
     "it has a colour profile, which is not applied: its samples are interpreted as sRGB";
@@ -102,19 +102,19 @@ pub(super) fn without_alpha(
 ) -> Result<(), ImageError> {
     let stored = header.channels + 1;
     if let Some(column) = samples.chunks_exact(stored).position(|p| p[header.channels] != header.white) {
-        let expected = "no transparency; flatten the image onto its background, e.g. `magick IN -background white -flatten OUT`";
-        return Err(header_error(
-            path,
-            "alpha",
-            expected,
-            format!("a transparent pixel at row {row}, column {column}"),
-        ));
+        return Err(transparent_error(path, row, column));
     }
     for pixel in 0..samples.len() / stored {
         samples.copy_within(pixel * stored..pixel * stored + header.channels, pixel * header.channels);
     }
     samples.truncate(samples.len() / stored * header.channels);
     Ok(())
+}
+
+/// A pixel that is not opaque.
+pub(crate) fn transparent_error(path: &Path, row: usize, column: usize) -> ImageError {
+    let expected = "no transparency; flatten the image onto its background, e.g. `magick IN -background white -flatten OUT`";
+    header_error(path, "alpha", expected, format!("a transparent pixel at row {row}, column {column}"))
 }
 
 /// Runs a decoder; an error or a panic of it means a damaged file.

@@ -111,7 +111,7 @@ pub(super) mod tests {
         for shape in ["(-1,)", "(1, 2, 3, 4, 5, 6)", "5", "(99999999999999999999,)"] {
             assert!(parse(&npy("<f8", shape, &[0; 8])).unwrap_err().contains("shape"), "{shape}");
         }
-        assert!(parse(&npy("<i4", "(1,)", &[0; 4])).unwrap_err().contains("`<i4`"));
+        assert!(parse(&npy("<i8", "(1,)", &[0; 8])).unwrap_err().contains("`<i8`"));
         let mut long = b"\x93NUMPY\x02\x00".to_vec();
         long.extend(u32::MAX.to_le_bytes());
         assert!(parse(&long).unwrap_err().contains("header"));

@@ -14,7 +14,7 @@
 //! ```
 //! Rows of a wavelength ascend in height from 0; wavelengths ascend. `psf_energy` is the share of ALL the light that the window
 //! holds. `psf_outward` is the side of a window, drawn with its top row on top, that points away from the optical axis.
-//! `#` starts a comment. A worked example lies in `formats/tests/data/tables-example`.
+//! `#` starts a comment. A worked example lies in `formats/data/tables-example`.
 
 use super::csv::Csv;
 use super::npy;

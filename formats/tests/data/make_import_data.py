@@ -1,5 +1,5 @@
 #!/usr/bin/env python3
-"""Makes the import tests' data: tables-example/ and double-gauss-28-550nm.npz.
+"""Makes the import tests' data: formats/data/tables-example/ and double-gauss-28-550nm.npz.
 
     python3 make_import_data.py TABLES.npz        (numpy 2; TABLES.npz as formats/data/SOURCES.md describes it)
 
@@ -13,7 +13,7 @@ from pathlib import Path
 import numpy as np
 
 here = Path(__file__).resolve().parent
-out = here / "tables-example"
+out = here.parent.parent / "data/tables-example"
 out.mkdir(exist_ok=True)
 F = 50.0
 (out / "lens.csv").write_text(

@@ -76,6 +76,22 @@ fn units_apertures_and_aspheres_are_converted_to_mm() {
     assert!((d.paraxial_image_height_mm - 2.54).abs() < 1e-9 && d.paraxial_focus_mm.abs() > 0.1);
 }
 
+/// The field point (10°, 20°), whose wavefront OpticStudio prints, is at atan √(tan² 10° + tan² 20°), not at √(10² + 20²) = 22.36 degrees.
+#[test]
+fn angles_along_x_and_y_are_projected_angles() {
+    let points = |x: &str, y: &str| {
+        let text =
+            OLD.replace("FTYP 2 0 2 1", "FTYP 0 0 2 1").replace("XFLD 0 0", x).replace("YFLD 0 0.1", y);
+        read(&text).unwrap().fields
+    };
+    let fields = points("XFLD 0 10", "YFLD 0 20");
+    assert!((fields[1] - 22.020_001_607_717_24).abs() < 1e-12, "{fields:?}");
+    assert_eq!(points("XFLD 0 0", "YFLD 0 20.3")[1], 20.3);
+    // Heights are lengths.
+    let heights = read(&OLD.replace("XFLD 0 0", "XFLD 0 0.1")).unwrap().fields;
+    assert!((heights[1] - 2.54 * 2.0_f64.sqrt()).abs() < 1e-12, "{heights:?}");
+}
+
 #[test]
 fn unit_behind_the_entrance_pupil_holds_for_it() {
     let text = OLD.replacen("UNIT IN X W X CM\nFNUM 4.0 1\n", "ENPD 0.4\nUNIT IN X W X CM\n", 1);

@@ -93,7 +93,7 @@ fn damaged_illumination_listings_do_not_panic() {
 
 #[test]
 fn damaged_npy_arrays_do_not_panic() {
-    let seed = fs::read(data("tables-example/psf_550.npy")).unwrap();
+    let seed = fs::read(data("../../data/tables-example/psf_550.npy")).unwrap();
     let make = |r: &mut Random| {
         let mut bytes = seed.clone();
         match r.below(3) {
@@ -236,7 +236,7 @@ fn damaged_listing_directories_do_not_panic() {
 #[test]
 fn damaged_table_directories_do_not_panic() {
     let names = ["lens.csv", "heights.csv", "psf.csv", "psf_500.npy", "psf_550.npy"];
-    let files = names.map(|n| (n, fs::read(data("tables-example").join(n)).unwrap()));
+    let files = names.map(|n| (n, fs::read(data("../../data/tables-example").join(n)).unwrap()));
     directory_target(
         "CSV and NPY folder",
         &files,

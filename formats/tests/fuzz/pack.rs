@@ -45,7 +45,8 @@ fn seeds() -> Vec<Vec<u8>> {
     let dir = directory();
     let out = dir.path().join("seed.zip");
     let options = ImportOptions { field_points: 11, ..ImportOptions::default() };
-    import::write(&out, import::open(&data("tables-example"), &options).unwrap(), |_, _| ()).unwrap();
+    import::write(&out, import::open(&data("../../data/tables-example"), &options).unwrap(), |_, _| ())
+        .unwrap();
     let pupils = dir.path().join("pupils.zip");
     let _ = write_pupils(&pupils);
     [out, data("zarr_python.lens.zip"), pupils].map(|path| std::fs::read(path).unwrap()).into()

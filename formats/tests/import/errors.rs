@@ -128,7 +128,7 @@ fn malformed_grids_are_errors() {
 /// Changes one file of the example and checks the texts in the error.
 fn check_changed_example(file: &str, change: impl Fn(Vec<u8>) -> Vec<u8>, expected: &[&str]) {
     let dir = tempfile::tempdir().unwrap();
-    for entry in fs::read_dir(data("tables-example")).unwrap() {
+    for entry in fs::read_dir(data("../../data/tables-example")).unwrap() {
         let entry = entry.unwrap();
         let bytes = fs::read(entry.path()).unwrap();
         let bytes = if entry.file_name() == file { change(bytes) } else { bytes };

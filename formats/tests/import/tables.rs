@@ -7,7 +7,7 @@ use pipeline::lens::PsfSample;
 
 #[test]
 fn example_directory_gives_the_documented_lens() {
-    let (_keep, pack) = pack(&data("tables-example"), &ImportOptions::default());
+    let (_keep, pack) = pack(&data("../../data/tables-example"), &ImportOptions::default());
     let lens = pack.lens();
     assert_eq!(
         (lens.name.as_str(), lens.bands.len(), lens.psf_sample),

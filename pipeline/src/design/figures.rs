@@ -1,9 +1,19 @@
 //! Figures of a lens from rays alone, and what they decide: film plane, ray aiming, crossing surfaces.
 
 mod aiming_check;
+pub mod cardinal;
 pub mod crossing;
 pub mod describe;
+pub mod field_curvature;
 pub mod field_figures;
 pub mod image_circle;
+pub mod light;
+pub mod paraxial_rays;
+pub mod pattern_spot;
 mod refocus;
+pub mod seidel;
 pub mod spots;
+#[cfg(test)]
+pub(super) mod tests;
+pub mod wavefront;
+pub mod zernike;

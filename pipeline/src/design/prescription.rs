@@ -1,5 +1,8 @@
-//! The prescription of a lens: surfaces, glasses, aperture, fields; no rays.
+//! The prescription of a lens: surfaces, glasses, coatings, aperture, fields; no rays.
 
+pub mod absorption;
+pub mod coating;
+pub mod coatings;
 mod double_gauss;
 pub mod error;
 pub mod glass;

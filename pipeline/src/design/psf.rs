@@ -1,5 +1,6 @@
 //! The PSF of a field point from its pupil function, and its shares per film pixel.
 
+pub mod field_psf;
 pub mod film_pixel;
 mod fourier;
 pub(super) mod huygens;

@@ -8,6 +8,7 @@ pub mod illumination;
 mod openings;
 pub(super) mod pupils;
 pub mod quadrature;
+pub mod rim;
 #[cfg(test)]
 mod test_lenses;
 

@@ -4,6 +4,7 @@ pub(super) mod aim;
 mod field;
 mod ideal_lens;
 mod launch;
+mod losses;
 pub mod paraxial;
 pub mod ray;
 mod ray_budget;

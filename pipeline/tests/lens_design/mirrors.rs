@@ -41,7 +41,7 @@ fn open_area_behind_a_disc_is_that_of_overlapping_circles() {
 #[test]
 fn obscured_lens_gives_the_pattern_of_an_annulus() {
     let (n, f, hidden): (f64, f64, f64) = (1.5, 100.0, 0.4);
-    let glass = Glass { name: "n".to_owned(), dispersion: Dispersion::constant(n), range_um: (0.0, 9.0) };
+    let glass = Glass::new("n".to_owned(), Dispersion::constant(n), (0.0, 9.0));
     let mut front = Surface::new(0.0, 2.0, Medium::Glass(glass));
     front.obscuration_mm = Some(0.5 * hidden);
     let mut back = Surface::new(0.0, f, Medium::Air);

@@ -19,7 +19,7 @@ fn flat(thickness: f64) -> Surface {
 }
 
 fn glass(n: f64) -> Medium {
-    Medium::Glass(Glass { name: "n".to_owned(), dispersion: Dispersion::constant(n), range_um: (0.0, 9.0) })
+    Medium::Glass(Glass::new("n".to_owned(), Dispersion::constant(n), (0.0, 9.0)))
 }
 
 /// Plano-hyperbolic lens: free of spherical aberration for a distant axial point (Cartesian oval).

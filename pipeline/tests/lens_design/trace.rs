@@ -18,7 +18,7 @@ use lenscube_pipeline::design::{DesignError, System, trace_lens};
 fn focal_length_of_a_relay_has_no_sign_in_its_pack() {
     let glass = || {
         let dispersion = Dispersion::constant(1.5);
-        Medium::Glass(Glass { name: "n".to_owned(), dispersion, range_um: (0.0, 9.0) })
+        Medium::Glass(Glass::new("n".to_owned(), dispersion, (0.0, 9.0)))
     };
     let lens = |gap| [Surface::new(0.02, 0.01, glass()), Surface::new(-0.02, gap, Medium::Air)];
     let surfaces = [&lens(150.0)[..], &lens(100.0), &[Surface::new(0.0, 0.0, Medium::Air)]].concat();

@@ -2,13 +2,19 @@
 //! fisheye lenses to 80° off the axis, phone lens with aspheres, microscope objective, 1:1 system, telephoto, Ritchey-Chrétien telescope and
 //! Mangin mirror lens with central obscurations; real ray aiming.
 //!
+//! Light left of single rays, bare and with a quarter wave on boundaries with air: `tests/data/transmission.txt`, by another method
+//! (`scripts/lens_suite/transmission.py`).
 //! Values: `tests/data/lens_suite.txt`, made by `scripts/lens_suite/make.py` (NumPy; compared there with Optiland).
 
+use lenscube_pipeline::design::System;
+use lenscube_pipeline::design::coating::Coating;
+use lenscube_pipeline::design::coatings::Coatings;
 use lenscube_pipeline::design::field_figures::field_figures;
 use lenscube_pipeline::design::illumination::irradiance_sr;
 use lenscube_pipeline::design::paraxial::Paraxial;
 use lenscube_pipeline::design::psf::{PsfGrid, PsfScratch, PupilFunction};
 use lenscube_pipeline::design::ray::Tracer;
+use lenscube_pipeline::design::system::RayAiming;
 
 mod suite;
 
@@ -90,4 +96,28 @@ fn psfs_equal_the_independent_ones() {
         println!("{}: L1 {l1:.1e}, centroid {:.1e} µm", system.name, x - y);
         assert!(l1 < 5e-4 && (x - y).abs() < 1e-3, "{}: {l1} {}", system.name, x - y);
     }
+}
+
+/// Polarisation followed along each ray through bare and coated surfaces.
+#[test]
+fn light_left_of_single_rays_equals_the_independent_one() {
+    let (mut checked, mut worst) = (0, 0.0_f64);
+    let lenses = suite();
+    for line in include_str!("../data/transmission.txt").lines().filter(|l| l.starts_with("ray ")) {
+        let cells: Vec<&str> = line.split(' ').collect();
+        let number = |i: usize| cells[i].parse::<f64>().unwrap();
+        let system = &lenses.iter().find(|e| e.system.name.replace(' ', "_") == cells[1]).unwrap().system;
+        let paraxial = System { aiming: RayAiming::Paraxial, ..system.clone() };
+        let flux = |system: &System| {
+            Tracer::new(system, UM[1]).unwrap().ray(number(2), number(3), number(4)).map(|r| r.flux)
+        };
+        let Ok(all) = flux(&paraxial) else { continue };
+        for (coating, column) in [(Coating::Bare, 5), (Coating::quarter_wave("MgF2", 1.38, 0.55), 6)] {
+            let coatings = Coatings { default: coating, surfaces: Vec::new() };
+            let left = flux(&paraxial.clone().with_coatings(&coatings).unwrap()).unwrap() / all;
+            worst = worst.max((left - number(column)).abs());
+            checked += 1;
+        }
+    }
+    assert!(checked > 280 && worst < 1e-9, "{checked} rays, {worst:e}");
 }

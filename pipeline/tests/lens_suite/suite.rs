@@ -81,11 +81,11 @@ fn surface(v: &[f64], before: Medium, direction: &mut f64) -> Surface {
     let medium = match (v[2], v[3]) {
         (0.0, _) => before,
         (1.0, 0.0) => Medium::Air,
-        (a, b) => Medium::Glass(Glass {
-            name: format!("n2={a}+{b}/um2"),
-            dispersion: Dispersion::new(1, &[a, 0.0, b, 0.0, 0.0, 0.0]).unwrap(),
-            range_um: (0.1, 9.0),
-        }),
+        (a, b) => Medium::Glass(Glass::new(
+            format!("n2={a}+{b}/um2"),
+            Dispersion::new(1, &[a, 0.0, b, 0.0, 0.0, 0.0]).unwrap(),
+            (0.1, 9.0),
+        )),
     };
     let mut surface = Surface::new(*direction * v[0], 0.0, medium);
     surface.is_mirror = v[2] == 0.0;

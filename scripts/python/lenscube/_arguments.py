@@ -41,8 +41,9 @@ def arguments(words: tuple[str, ...], positional: Sequence[Any], keywords: Mappi
     Raises TypeError for an unknown keyword, with the names that are close to it, and for a value that is no text, number or list.
     """
     known, line = _flags(words), list(words)
+    former = {keyword(alias): argument for argument in known.values() for alias in argument.get("aliases", ())}
     for name, value in keywords.items():
-        argument = known.get(name)
+        argument = known.get(name) or former.get(name)
         if argument is None:
             raise TypeError(_unknown(words, name, list(known)))
         line += _flag(argument, value)

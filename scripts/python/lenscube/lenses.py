@@ -46,6 +46,6 @@ def lens_camera(design: PathLike, **flags: "Unpack[f.LensCamera]") -> dict[str, 
 
     Lengths in mm, angles in degrees. `command("lens", "camera", …)` prints it in the words of a renderer.
 
-    >>> lenscube.lens_camera("phone", film="900x600", focus_m=0.5)["horizontal_fov_deg"]
+    >>> lenscube.lens_camera("phone", film_size="900x600", focus_m=0.5)["horizontal_fov_deg"]
     """
     return json.loads(execute(arguments(("lens", "camera"), [design], {**flags, "json": True})))

@@ -69,7 +69,8 @@ def test_lenses_are_dictionaries(tmp_path):
     pack = lenscube.lens_trace("triplet", tmp_path / "t.lens.zarr", wavelengths=550, max_height_mm=2, heights=[0, 1, 2])
     assert pack.is_dir()
     assert lenscube.lens_diff(pack, "triplet", wavelengths=550)
-    camera = lenscube.lens_camera("triplet", film="300x200", pitch_um=5, focus_m=2)
+    camera = lenscube.lens_camera("triplet", film_size="300x200", film_pitch_um=5, focus_m=2)
+    assert camera == lenscube.lens_camera("triplet", film="300x200", pitch_um=5, focus_m=2), "the former names"
     assert camera["width_px"] - camera["height_px"] == 100
 
 

@@ -37,8 +37,8 @@ pub(super) fn measure(bench: &mut Bench<'_>) -> Result<()> {
     let info = &device.info;
     log_line(format!("     GPU {} ({}), {}", info.index, info.name, driver::description(info)));
     bench.add_text("gpu", "gpu", &info.name);
-    let film = Size::new(bench.args.size as usize, bench.args.size as usize);
-    let frame = Frame::centred(film, film, FILM_MM * 1e3 / f64::from(bench.args.size));
+    let film = Size::new(bench.args.film_size as usize, bench.args.film_size as usize);
+    let frame = Frame::centred(film, film, FILM_MM * 1e3 / f64::from(bench.args.film_size));
     for (window, keys) in WINDOWS {
         let psf = benchmark(&frame, bench.simd, window);
         psf_stage(bench, device, &frame, &psf, keys, &format!("GPU: SVPSF, {window} px (21 x 36 nodes)"))?;

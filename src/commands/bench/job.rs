@@ -16,9 +16,9 @@ pub(super) fn measure(bench: &mut Bench<'_>) -> Result<()> {
     let args = bench.args;
     let (chart, film) = (bench.scratch.0.join("chart.zarr"), bench.scratch.0.join("film.zarr"));
     let wavelengths = wavelengths(args.bands);
-    let pitch_um = FILM_MM * 1e3 / f64::from(args.size);
+    let pitch_um = FILM_MM * 1e3 / f64::from(args.film_size);
     let spec =
-        format!("composite?size={}&pitch_um={pitch_um}&wavelengths={wavelengths}&noise=0.01", args.size);
+        format!("composite?size={}&pitch_um={pitch_um}&wavelengths={wavelengths}&noise=0.01", args.film_size);
     let drawn: Generator = spec.parse()?;
     write(&drawn, &chart, Codec::default(), bench.threads, true)?;
     let mut records = Vec::new();
@@ -65,7 +65,7 @@ pub(super) fn measure(bench: &mut Bench<'_>) -> Result<()> {
     if let Some(bytes) = record["peak_resident_bytes"].as_f64() {
         bench.add_number("peak_rss_mib", bytes / f64::from(1 << 20), "MiB", "  peak memory");
     }
-    let scale = PAPER_BANDS / f64::from(args.bands) * (PAPER_PX / f64::from(args.size)).powi(2);
+    let scale = PAPER_BANDS / f64::from(args.bands) * (PAPER_PX / f64::from(args.film_size)).powi(2);
     let label = "forecast of the paper's job (31 bands of 14141 x 14141 px)";
     bench.add_number("forecast_paper_job_s", wall * scale, "s", label);
     Ok(())

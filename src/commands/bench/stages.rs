@@ -32,8 +32,8 @@ const LENS_NM: f64 = 550.0;
 const SPECTRA_SHARE: f64 = 0.5;
 
 pub(super) fn measure(bench: &mut Bench<'_>) -> Result<()> {
-    let film = Size::new(bench.args.size as usize, bench.args.size as usize);
-    let frame = Frame::centred(film, film, FILM_MM * 1e3 / f64::from(bench.args.size));
+    let film = Size::new(bench.args.film_size as usize, bench.args.film_size as usize);
+    let frame = Frame::centred(film, film, FILM_MM * 1e3 / f64::from(bench.args.film_size));
     peak(bench)?;
     let bicubic_remap = stages(bench, &frame, false, Interp::Bicubic)?.remap;
     let bilinear_remap = stages(bench, &frame, false, Interp::Bilinear)?.remap;

@@ -45,7 +45,7 @@ fn encode(bench: &mut Bench<'_>, chart: &Generator, pixels: f64) -> Result<()> {
             shard: SHARD,
             chunk: 512,
             codec,
-            ..FilmSpec::full_film(side, vec![550.0], FILM_MM * 1e3 / f64::from(bench.args.size))
+            ..FilmSpec::full_film(side, vec![550.0], FILM_MM * 1e3 / f64::from(bench.args.film_size))
         };
         let path = bench.scratch.0.join(format!("{rate_key}.zarr"));
         let film = FilmStore::create(&path, spec, Map::new(), true)?;

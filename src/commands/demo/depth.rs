@@ -50,7 +50,7 @@ Results
 
 Next commands
   lenscube run {d}/scene.zarr flat.zarr --lens {LENS} --focus-m 0.1 --depth none     everything in focus
-  lenscube lens camera {LENS} --focus-m 0.1 --film 480x320 --for blender              the camera for a scene of one's own
+  lenscube lens camera {LENS} --focus-m 0.1 --film-size 480x320 --for blender              the camera for a scene of one's own
   lenscube view {d}/near.zarr --chart {d}/scene.zarr --open"
     ));
     Ok(0)

@@ -161,7 +161,7 @@ fn band_lines(preview: &Preview, band: &PlannedBand, lines: &mut Vec<(&'static s
         let used = band.plan.depth.as_ref().map_or(1, |depth| depth.used().count());
         let estimated = band.untraced.map_or_else(String::new, |nodes| {
             format!(
-                "; to be traced: PSFs of about {:.0} MB a band, error between nodes at most {:.2} %",
+                "; to be traced unless cached: PSFs of about {:.0} MB a band, error between nodes at most {:.2} %",
                 nodes.bytes as f64 * 1e-6,
                 100.0 * nodes.l1
             )
@@ -184,8 +184,10 @@ fn band_lines(preview: &Preview, band: &PlannedBand, lines: &mut Vec<(&'static s
     let ((mean, most), tile) = (mean_and_most(&slabs), tiling.tile());
     lines.push(("slabs", format!("{mean:.1} in reach of a tile of {tile} px on average, {most} at most")));
     lines.push(("time", format!(
-        "about {} core seconds a band at the speed of a 2.2 GHz core with AVX-512, {:.1} times a flat film",
-        short(band.core_s), band.core_s / band.flat_core_s
+        "about {} core seconds a band at the speed of a 2.2 GHz core with AVX-512, {:.1} times a flat film{}",
+        short(band.core_s),
+        band.core_s / band.flat_core_s,
+        band.untraced.map_or_else(String::new, |nodes| format!(", and {} to trace its nodes", short(nodes.core_s)))
     )));
     if let Some(memory) = &band.memory {
         lines.push(("memory", format!("{} of at most {}", mib(memory.planned), mib(memory.limit))));
@@ -222,6 +224,7 @@ pub fn json(preview: &Preview, overview: &Overview) -> Value {
             "node_vergences_per_m": band.vergences,
             "nodes_used": band.plan.depth.as_ref().map_or(1, |depth| depth.used().count()),
             "window_px": windows(band).map(|(least, most)| json!([least, most])),
+            "trace_core_s": band.untraced.map(|nodes| nodes.core_s),
             "psf_bytes_to_trace": band.untraced.map(|nodes| nodes.bytes),
             "node_error_l1": band.untraced.map(|nodes| nodes.l1),
             "tile_px": tiling.tile(),

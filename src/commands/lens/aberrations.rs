@@ -1,10 +1,9 @@
 //! Plots of aberrations of a design: ray fans, OPD fans, field curvature, MTF through focus.
 //!
 //! *Ray fan*: x (tangential, rays through (p, 0)) or y (sagittal, rays through (0, q)) in the film plane less that of the chief ray, against the
-//! pupil coordinate. *OPD*: optical path of the same rays less that of the chief ray, at plane waves through the chief ray's
-//! intersection with the film, in wavelengths. *Field curvature*: where rays infinitely near the chief ray cross it, tangential
-//! z = −x_p / (L/N)_p, sagittal z = −y_q / (M/N)_q (subscripts: derivatives), along the axis from the film. *MTF through focus*: of the PSF with
-//! diffraction, the film moved, field points fixed. Blocked rays are left out.
+//! pupil coordinate. *OPD*: the wavefront at the same rays, in wavelengths ([`pipeline::design::wavefront`]). *Field curvature*:
+//! [`pipeline::design::field_curvature`]. *MTF through focus*: of the PSF with diffraction, the film moved, field points fixed. Blocked rays are
+//! left out.
 
 use super::curves::without_rounding;
 use crate::progress::short_number;
@@ -12,12 +11,13 @@ use anyhow::Result;
 use formats::picture::bands::{band_key, band_series};
 use formats::picture::plot::{Axis, Plot, Series};
 use formats::picture::style::Colour;
-use pipeline::design::psf::{PsfGrid, PsfScratch, PupilFunction};
+use pipeline::design::System;
+use pipeline::design::field_curvature::foci;
+use pipeline::design::field_psf::field_psf;
 use pipeline::design::ray::{ImageRay, Tracer};
 use pipeline::design::system::ImagePlane;
-use pipeline::design::{DesignError, System};
+use pipeline::design::wavefront::ReferenceSphere;
 use pipeline::figures::{Direction, PsfWindow};
-use pipeline::lens::PsfSample;
 
 /// Rays of a fan.
 const FAN: i32 = 81;
@@ -25,10 +25,8 @@ const FAN: i32 = 81;
 pub const MAX_PANELS: usize = 4;
 /// Film positions of the MTF through focus.
 const POSITIONS: i32 = 25;
-/// Parts of a side of a sample, over whose area the encircled energy spreads its light.
-const PARTS: usize = 4;
-/// Maximum half-width of its PSFs, samples.
-const MAX_HALF: usize = 220;
+/// Radii of a curve of the encircled energy.
+const RADII: usize = 240;
 
 const DIRECTIONS: Option<[&str; 2]> = Some(["tangential", "sagittal"]);
 
@@ -75,6 +73,7 @@ pub fn field_name(system: &System, height_mm: f64, tan: f64) -> String {
 }
 
 fn fan_points(tracer: &Tracer<'_>, tan: f64, chief: &ImageRay, along: bool, fan: Fan) -> Vec<(f64, f64)> {
+    let Ok(sphere) = ReferenceSphere::new(tracer, tan) else { return Vec::new() };
     let point = |i: i32| {
         let at = 2.0 * f64::from(i) / f64::from(FAN - 1) - 1.0;
         let (p, q) = if along { (at, 0.0) } else { (0.0, at) };
@@ -82,12 +81,9 @@ fn fan_points(tracer: &Tracer<'_>, tan: f64, chief: &ImageRay, along: bool, fan:
             return None;
         }
         let ray = tracer.ray(tan, p, q).ok()?;
-        let (dx, dy) = (ray.x.v - chief.x.v, ray.y.v);
         let value = match fan {
-            Fan::Ray => 1e3 * if along { dx } else { dy },
-            Fan::Path => {
-                1e3 * (ray.path.v - chief.path.v - ray.l.v * dx - ray.m.v * dy) / tracer.wavelength_um
-            }
+            Fan::Ray => 1e3 * if along { ray.x.v - chief.x.v } else { ray.y.v },
+            Fan::Path => sphere.waves(&ray),
         };
         Some((at, value))
     };
@@ -101,13 +97,8 @@ pub fn field_curvature(system: &System, nm: &[f64], max_mm: f64, x: Axis) -> Res
         let tracer = Tracer::new(system, nm_b / 1e3)?;
         let foci = |i: i32| -> Option<(f64, f64, f64)> {
             let height = max_mm * f64::from(i) / 60.0;
-            let ray = tracer.ray(tracer.field_of_height(height).ok()?, 0.0, 0.0).ok()?;
-            // d(L/N) with L² + M² + N² = 1 and M = 0 on the meridian.
-            // The index in front of the film is the length of (l, 0, n).
-            let square = ray.l.v.powi(2) + ray.n.powi(2);
-            let tangential = -ray.x.d[0] / (ray.l.d[0] * square / ray.n.powi(3));
-            let sagittal = -ray.y.d[1] / (ray.m.d[1] / ray.n);
-            Some((height, tangential, sagittal))
+            let foci = foci(&tracer, tracer.field_of_height(height).ok()?).ok()?;
+            Some((height, foci.tangential_mm, foci.sagittal_mm))
         };
         let all: Vec<_> = (0..=60).filter_map(foci).collect();
         series.push(band_series(nm, b, all.iter().map(|f| (f.0, f.1)).collect()).dashed(0));
@@ -132,7 +123,7 @@ pub fn through_focus(system: &System, heights_mm: &[f64], lp_mm: f64) -> Result<
         for k in 0..POSITIONS {
             let z = range_mm * (2.0 * f64::from(k) / f64::from(POSITIONS - 1) - 1.0);
             let moved = system.with_image_plane(ImagePlane::AsDesigned, z)?;
-            let Ok(psf) = psf(&moved, um, tan) else { continue };
+            let Ok(psf) = field_psf(&Tracer::new(&moved, um)?, tan) else { continue };
             for (curve, direction) in curves.iter_mut().zip([Direction::Tangential, Direction::Sagittal]) {
                 curve.push((z, psf.mtf(lp_mm, direction)));
             }
@@ -174,22 +165,6 @@ fn refined(points: &[(f64, f64)]) -> Vec<(f64, f64)> {
     (0..=(points.len() - 1) * STEPS).map(at).collect()
 }
 
-/// PSF of the field point at `tan` in a window of at most [`MAX_HALF`] samples at 0.9 of the Nyquist pitch.
-fn psf(system: &System, um: f64, tan: f64) -> Result<PsfWindow, DesignError> {
-    let tracer = Tracer::new(system, um)?;
-    let f = PupilFunction::trace(&tracer, tan)?;
-    let grid = PsfGrid::new(MAX_HALF, 0.9 * f.nyquist_um());
-    let samples = grid.psf(&f, 0.0, &mut PsfScratch::default());
-    let energy: f64 = samples.iter().sum();
-    Ok(PsfWindow {
-        size: grid.size(),
-        pitch_um: grid.pitch_um(),
-        sample: PsfSample::Point,
-        energy,
-        samples: samples.iter().map(|v| (v / energy) as f32).collect(),
-    })
-}
-
 /// Share of the light within a radius of the centroid of the PSF, by height, at one wavelength.
 pub fn encircled_energy(name: &str, psfs: &[(f64, &PsfWindow)], nm: f64) -> Plot {
     let series = psfs.iter().enumerate().map(|(i, (height, psf))| {
@@ -202,30 +177,9 @@ pub fn encircled_energy(name: &str, psfs: &[(f64, &PsfWindow)], nm: f64) -> Plot
 }
 
 fn encircled(psf: &PsfWindow) -> Vec<(f64, f64)> {
-    let n = psf.size;
-    let at = |i: usize| (i as f64 - (n / 2) as f64) * psf.pitch_um;
-    let values = || psf.samples.iter().enumerate().map(|(i, v)| (at(i % n), at(i / n), f64::from(*v)));
-    let sum: f64 = values().map(|v| v.2).sum();
-    let (cx, cy) = values().fold((0.0, 0.0), |c, (x, y, v)| (c.0 + x * v / sum, c.1 + y * v / sum));
-    // Radii up to the edge of the window; rings of one sample.
-    let rings = n / 2;
-    let mut light = vec![0.0; rings + 1];
-    let part = |k: usize| ((k as f64 + 0.5) / PARTS as f64 - 0.5) * psf.pitch_um;
-    for (x, y, v) in values() {
-        for k in 0..PARTS * PARTS {
-            let (dx, dy) = (x - cx + part(k % PARTS), y - cy + part(k / PARTS));
-            let ring = (dx.hypot(dy) / psf.pitch_um).ceil() as usize;
-            if ring <= rings {
-                light[ring] += v / sum / (PARTS * PARTS) as f64;
-            }
-        }
-    }
-    let mut inside = 0.0;
-    let curve = light.iter().enumerate().map(|(i, v)| {
-        inside += v;
-        (i as f64 * psf.pitch_um, inside * psf.energy)
-    });
-    curve.collect()
+    let edge = psf.pitch_um * (psf.size / 2) as f64;
+    let curve = psf.encircled();
+    (0..=RADII).map(|i| edge * i as f64 / RADII as f64).filter_map(|r| Some((r, curve.within(r)?))).collect()
 }
 
 #[cfg(test)]
@@ -301,36 +255,5 @@ mod tests {
                 );
             }
         }
-    }
-
-    /// A wavefront is perpendicular to its rays: d(OPD)/dp = −Δx dL/dp.
-    #[test]
-    fn opd_fan_is_the_integral_of_the_ray_fan() {
-        let system = System::double_gauss_28();
-        let [rays, paths] = [Fan::Ray, Fan::Path].map(|f| fans(&system, &[587.6], &[20.0], f).unwrap());
-        let (rays, paths) = (&rays[0].series[0].points, &paths[0].series[0].points);
-        let tracer = Tracer::new(&system, 0.5876).unwrap();
-        let tan = tracer.field_of_height(20.0).unwrap();
-        let slope = |i: usize| {
-            let ray = tracer.ray(tan, rays[i].0, 0.0).unwrap();
-            -rays[i].1 * ray.l.d[0] / 0.5876
-        };
-        let step = 2.0 / f64::from(FAN - 1);
-        // Simpson's rule over two steps.
-        for i in (0..FAN as usize - 2).step_by(2) {
-            let integral = step / 3.0 * (slope(i) + 4.0 * slope(i + 1) + slope(i + 2));
-            let difference = paths[i + 2].1 - paths[i].1;
-            assert!((integral - difference).abs() < 1e-5, "{i}: {integral} {difference}");
-        }
-    }
-
-    #[test]
-    fn encircled_energy_of_a_point_is_all_of_its_light() {
-        let mut samples = vec![0.0; 121];
-        samples[60] = 1.0;
-        let psf = PsfWindow { size: 11, pitch_um: 2.0, sample: PsfSample::Point, energy: 0.9, samples };
-        let curve = encircled(&psf);
-        assert_eq!(curve[0], (0.0, 0.0));
-        assert!((curve[1].1 - 0.9).abs() < 1e-12 && curve[5].0 == 10.0 && curve[5].1 == curve[1].1);
     }
 }

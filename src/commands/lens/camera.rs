@@ -53,19 +53,19 @@ impl Pinhole {
             None => MARGIN_PX,
             Some((far, near)) => {
                 let focus = args.focus_m.map_or_else(|| system.object_vergence(), |m| Ok(1.0 / m))?;
-                let blur = (far - focus).abs().max((near - focus).abs()) * blur_um / args.pitch_um;
+                let blur = (far - focus).abs().max((near - focus).abs()) * blur_um / args.film_pitch_um;
                 (1.2 * blur + 12.0).ceil() as usize
             }
         };
-        let distortion_px = beyond_mm(system, args)? * 1e3 / args.pitch_um;
+        let distortion_px = beyond_mm(system, args)? * 1e3 / args.film_pitch_um;
         let overscan_px = margin_px + distortion_px.ceil() as usize;
-        let size = Size::new(args.film.height + 2 * overscan_px, args.film.width + 2 * overscan_px);
+        let size = Size::new(args.film_size.height + 2 * overscan_px, args.film_size.width + 2 * overscan_px);
         Ok(Self {
             pupil_mm: first.entrance_pupil_mm,
             focal_mm: first.distortion_focal_length_mm.abs(),
             size,
             overscan_px,
-            pitch_um: args.pitch_um,
+            pitch_um: args.film_pitch_um,
             blur_um,
         })
     }
@@ -83,8 +83,8 @@ impl Pinhole {
 
 /// How far the ideal image plane under the film reaches beyond the film's sides, mm: barrel distortion.
 fn beyond_mm(system: &System, args: &CameraArgs) -> Result<f64> {
-    let half = |px: usize| px as f64 * args.pitch_um * 0.5e-3;
-    let (half_x, half_y) = (half(args.film.width), half(args.film.height));
+    let half = |px: usize| px as f64 * args.film_pitch_um * 0.5e-3;
+    let (half_x, half_y) = (half(args.film_size.width), half(args.film_size.height));
     let mut worst: f64 = 0.0;
     for (um, _) in &system.wavelengths_um {
         let tracer = Tracer::new(system, *um)?;
@@ -94,7 +94,7 @@ fn beyond_mm(system: &System, args: &CameraArgs) -> Result<f64> {
             for (x, y, fixed) in [(half_x, share * half_y, half_x), (share * half_x, half_y, half_y)] {
                 let real_mm = real::hypot(x, y);
                 let tan = tracer.field_of_height(real_mm).with_context(|| {
-                    format!("the film's border at {real_mm:.3} mm from the axis; a smaller --film lies within the lens's field")
+                    format!("the film's border at {real_mm:.3} mm from the axis; a smaller --film-size lies within the lens's field")
                 })?;
                 worst = worst.max(fixed * (tan * tracer.ideal_scale_mm().abs() / real_mm - 1.0));
             }
@@ -147,11 +147,11 @@ fn text(args: &CameraArgs, camera: &Pinhole) -> String {
         camera.fov_deg(width),
         camera.fov_deg(height),
         camera.overscan_px,
-        args.film,
+        args.film_size,
         camera.blur_um / camera.pitch_um,
         args.design,
-        args.film,
-        args.pitch_um,
+        args.film_size,
+        args.film_pitch_um,
     )
 }
 

@@ -1,34 +1,43 @@
 //! `lenscube lens import`: converts exports of a lens design program to a lens pack.
 
-use crate::args::{ImportArgs, band_indices};
+use crate::args::{ImportArgs, band_indices, check_directory};
 use crate::failure::{other_job, usage};
-use crate::progress::{log_line, plural};
-use anyhow::Result;
-use formats::import::{ImportError, ImportOptions};
+use crate::progress::{log_line, number, plural};
+use anyhow::{Context, Result};
+use formats::durable::{AtomicFile, create_directories, finish_together};
+use formats::import::{ImportError, ImportOptions, TEMPLATE};
 use formats::lens::LensPackError;
+use std::io::Write;
+use std::path::Path;
 
 /// Runs the command.
 pub fn command(args: &ImportArgs) -> Result<()> {
+    if let Some(directory) = &args.template {
+        return write_template(directory);
+    }
+    let (Some(source), Some(out)) = (&args.source, &args.out) else {
+        return Err(usage("expected SOURCE and OUT.lens.zarr, or --template DIR"));
+    };
     let options = options(args)?;
     let classify = |e: ImportError| match e {
         e if e.is_usage() => usage(e.to_string()),
         ImportError::Pack(e @ LensPackError::Exists { .. }) => other_job(e.to_string()),
         e => e.into(),
     };
-    if args.out.symlink_metadata().is_ok() {
-        return Err(classify(LensPackError::Exists { path: args.out.clone() }.into()));
+    if out.symlink_metadata().is_ok() {
+        return Err(classify(LensPackError::Exists { path: out.clone() }.into()));
     }
-    let imported = formats::import::open(&args.source, &options).map_err(classify)?;
+    let imported = formats::import::open(source, &options).map_err(classify)?;
     for note in imported.notes() {
         log_line(format!("note: {note}"));
     }
     let nm: Vec<f64> = imported.lens().bands.iter().map(|b| b.wavelength_nm).collect();
     let heights: Vec<f64> =
         imported.lens().bands.iter().map(|b| b.image_height_mm[b.image_height_mm.len() - 1]).collect();
-    formats::import::write(&args.out, imported, |b, stack| {
+    formats::import::write(out, imported, |b, stack| {
         log_line(format!(
             "{} nm: image heights up to {:.3} mm, {} PSFs, {} samples a side at {} µm pitch",
-            nm[b],
+            number(nm[b]),
             heights[b],
             stack.heights(),
             stack.size,
@@ -38,8 +47,35 @@ pub fn command(args: &ImportArgs) -> Result<()> {
     .map_err(classify)?;
     log_line(format!(
         "{}: {}; show it with `lenscube lens show {0}`",
-        args.out.display(),
+        out.display(),
         plural(nm.len(), "band")
+    ));
+    Ok(())
+}
+
+/// Writes the files of [`TEMPLATE`] into `directory`, which is created; existing files are kept.
+///
+/// # Errors
+/// One of them exists (exit code 3); the disk.
+fn write_template(directory: &Path) -> Result<()> {
+    check_directory(directory)?;
+    for (name, _) in TEMPLATE {
+        let path = directory.join(name);
+        if path.symlink_metadata().is_ok() {
+            return Err(other_job(format!("{} already exists; choose another directory", path.display())));
+        }
+    }
+    create_directories(directory, true)?;
+    let mut files = Vec::new();
+    for (name, bytes) in TEMPLATE {
+        let file = AtomicFile::create(&directory.join(name))?;
+        file.writer().write_all(bytes).with_context(|| format!("writing {name}"))?;
+        files.push(file);
+    }
+    finish_together(files)?;
+    log_line(format!(
+        "{0}: tables of an invented lens, explained in README.md; `lenscube lens import {0} OUT.lens.zarr` reads them",
+        directory.display()
     ));
     Ok(())
 }

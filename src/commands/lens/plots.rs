@@ -52,7 +52,8 @@ pub fn check_absent(dir: &Path, lens: &LensData, overwrite: bool) -> Result<()> 
     check_absent_in(dir, names, overwrite)
 }
 
-/// Writes all figures that `lens` has data for into `dir`: [`FIGURES`], and [`DESIGN_FIGURES`] of a design.
+/// Writes all figures that `lens` has data for into `dir`: [`FIGURES`], and [`DESIGN_FIGURES`] of a design. A design whose field points are all on the
+/// axis has no figures against the height.
 pub fn write(
     dir: &Path,
     lens: &LensData,
@@ -67,8 +68,6 @@ pub fn write(
     let name = lens.name();
     let all_nm = lens.wavelengths_nm();
     let primary = all_nm[nearest(all_nm.iter().copied(), lens.primary_nm())];
-    let dense: Vec<f64> = (0..MTF_HEIGHTS).map(|i| max_mm * i as f64 / (MTF_HEIGHTS - 1) as f64).collect();
-    let dense = lens.sample(&[primary], &dense)?;
     let fields = lens.sample(&[primary], heights_mm)?;
     let illumination = Axis::new("relative illumination", 0.0, 1.05);
     let distortion = Axis::new("distortion (% of f tan θ)", 0.0, 0.0);
@@ -80,24 +79,34 @@ pub fn write(
         against_height(&samples.lens.bands, &format!("{name}: {title}"), axes, max_mm, value)
     };
     let lateral_um = |band: &LensBand, r_mm: f64| band.lateral_colour_um(&samples.primary, r_mm);
-    let mut plots = vec![
-        ("relative-illumination", curves("relative illumination", illumination, &LensBand::illumination_at)),
-        ("distortion", curves(&focal, distortion, &LensBand::distortion_percent)),
-        ("lateral-colour", curves(&reference, lateral, &lateral_um)),
-        ("mtf-field", mtf_field(&dense, name, lp_mm)),
-        ("mtf-frequency", mtf_frequency(&fields, name, lp_mm)),
-        ("nodes", nodes(name, &lens.nodes(primary, max_mm)?)),
-    ];
+    let mut plots = vec![("mtf-frequency", mtf_frequency(&fields, name, lp_mm))];
+    // What depends on the height, where there is another than that of the axis.
+    let has_field = max_mm > 0.0;
+    if has_field {
+        let dense: Vec<f64> =
+            (0..MTF_HEIGHTS).map(|i| max_mm * i as f64 / (MTF_HEIGHTS - 1) as f64).collect();
+        let dense = lens.sample(&[primary], &dense)?;
+        plots.extend([
+            (
+                "relative-illumination",
+                curves("relative illumination", illumination, &LensBand::illumination_at),
+            ),
+            ("distortion", curves(&focal, distortion, &LensBand::distortion_percent)),
+            ("lateral-colour", curves(&reference, lateral, &lateral_um)),
+            ("mtf-field", mtf_field(&dense, name, lp_mm)),
+            ("nodes", nodes(name, &lens.nodes(primary, max_mm)?)),
+        ]);
+    }
     let psfs: Vec<_> = fields.fields[0].iter().map(|f| (f.height_mm, &f.psf)).collect();
     plots.push(("encircled-energy", encircled_energy(name, &psfs, primary)));
     let shown: Vec<f64> =
         evenly_spaced(heights_mm.len(), MAX_PANELS).into_iter().map(|k| heights_mm[k]).collect();
     if let LensData::Design(system, _) = lens {
         plots.push(("layout", cross_section(system)?));
-        plots.push((
-            "field-curvature",
-            field_curvature(system, nm, max_mm, height_axis(&samples.lens, &samples.primary, max_mm))?,
-        ));
+        if has_field {
+            let heights = height_axis(&samples.lens, &samples.primary, max_mm);
+            plots.push(("field-curvature", field_curvature(system, nm, max_mm, heights)?));
+        }
         let lp_mm = lp_mm[lp_mm.len() / 2];
         plots.push(("mtf-focus", through_focus(system, &shown, lp_mm)?));
     }

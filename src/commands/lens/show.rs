@@ -1,24 +1,28 @@
-//! `lenscube lens show`: prints the data of a lens.
+//! `lenscube lens show`: prints the data of a lens; its tables as JSON and CSV are those of [`super::tables`].
 //!
 //! Of a design: system data, then figures traced at the wavelengths of the design. Of a pack: a summary of its arrays, then figures
 //! of its tables and PSFs; RMS is then the radius of the PSF inside its window, and GEO, which needs rays, is not available.
 
 use super::plots;
 use super::shown::Shown;
-use crate::args::ShowArgs;
+use super::tables::{self, Request, Table, csv_file, design_figures, design_json};
+use crate::args::{ShowArgs, TableName};
 use crate::commands::lens::trace::{heights, wavelengths};
 use crate::failure::usage;
 use crate::job::lens::cache;
 use crate::job::lens::rotation_error;
 use crate::job::lens::samples::{FieldFigures, LensData, evenly_spaced, nearest};
-use crate::progress::print;
+use crate::outputs::check_absent_in;
+use crate::progress::{log_line, print};
 use anyhow::Result;
 use formats::design::builtin::BuiltinLens;
+use formats::durable::{AtomicFile, create_directories, finish_together};
 use formats::lens::summary;
+use pipeline::design::pattern_spot::{PatternSpot, RINGS, pattern_spot, weighted_tracers};
 use pipeline::design::ray::Tracer;
-use pipeline::design::spots::{polychromatic_spot, weighted_tracers};
 use pipeline::design::{Description, System};
 use serde_json::{Value, json};
+use std::path::Path;
 
 /// Default number of bands shown.
 const DEFAULT_BANDS: usize = 5;
@@ -30,8 +34,18 @@ const SHARES: [f64; 5] = [0.0, 0.25, 0.5, 0.75, 1.0];
 /// Runs the command.
 pub fn command(args: &ShowArgs) -> Result<()> {
     let lens = LensData::open(&args.lens, &args.design)?;
+    if args.overwrite && args.plot.is_none() && args.csv.is_none() {
+        return Err(usage("--overwrite replaces figures and tables: give --plot or --csv, too"));
+    }
+    if args.tables.is_some() && args.csv.is_none() && !args.json {
+        return Err(usage("--tables chooses among the tables of --json and --csv: give one of them, too"));
+    }
     if let Some(dir) = &args.plot {
         plots::check_absent(dir, &lens, args.overwrite)?;
+    }
+    let names = if args.json || args.csv.is_some() { tables::chosen(&lens, args)? } else { Vec::new() };
+    if let Some(dir) = &args.csv {
+        check_absent_in(dir, names.iter().map(|name| csv_file(Path::new(""), *name)), args.overwrite)?;
     }
     let nm = match &args.wavelengths {
         Some(text) => wavelengths(text)?,
@@ -40,8 +54,27 @@ pub fn command(args: &ShowArgs) -> Result<()> {
     };
     let heights_mm = chosen_heights(args.heights.as_deref(), || lens.reach_mm())?;
     let shown = Shown::new(&lens, &nm, &heights_mm)?;
+    let request = Request { nm: &nm, heights_mm: &heights_mm, args };
+    let tables: Vec<Table> =
+        names.iter().map(|name| tables::table(*name, &lens, &shown, &request)).collect::<Result<_>>()?;
+    if let Some(dir) = &args.csv {
+        create_directories(dir, true)?;
+        let file = |t: &Table| AtomicFile::with_text(&csv_file(dir, t.name), &t.csv());
+        finish_together(tables.iter().map(file).collect::<Result<_, _>>()?)?;
+        log_line(format!("{}: {} tables", dir.display(), tables.len()));
+    }
     match args.json {
-        true => print(serde_json::to_string_pretty(&json(&lens, &shown, &heights_mm, args)?)?),
+        true => {
+            let mut value = json(&lens, &shown, &heights_mm, args)?;
+            for table in tables {
+                // What JSON has under its own key: `design` and `fields`.
+                if !matches!(table.name, TableName::FirstOrder | TableName::Fields) {
+                    let key = table.key();
+                    value[key] = table.json();
+                }
+            }
+            print(serde_json::to_string_pretty(&value)?);
+        }
         false => print(text(&lens, &shown, &heights_mm, args)?.trim_end()),
     }
     match &args.plot {
@@ -93,7 +126,7 @@ fn json(lens: &LensData, shown: &Shown, heights_mm: &[f64], args: &ShowArgs) -> 
             let rms = "geometric, about the centroid";
             let spots: Vec<Value> = spots(system, heights_mm)?
                 .iter()
-                .map(|(mm, rms, geo)| json!({ "image_height_mm": mm, "rms_um": rms, "geo_um": geo }))
+                .map(|(mm, s)| json!({ "image_height_mm": mm, "rms_um": s.rms_um, "geo_um": s.geo_um }))
                 .collect();
             json!({
                 "design": design_json(d),
@@ -106,44 +139,6 @@ fn json(lens: &LensData, shown: &Shown, heights_mm: &[f64], args: &ShowArgs) -> 
             })
         }
     })
-}
-
-/// System data: name, value, unit.
-fn design_figures(d: &Description) -> [(&'static str, Value, &'static str); 21] {
-    [
-        ("effective focal length", json!(d.effective_focal_length_mm), "mm"),
-        ("distortion focal length", json!(d.distortion_focal_length_mm), "mm"),
-        ("back focal length", json!(d.back_focal_length_mm), "mm"),
-        ("total track", json!(d.total_track_mm), "mm"),
-        ("paraxial focus from film", json!(d.paraxial_focus_mm), "mm"),
-        ("image space F-number", json!(d.image_space_f_number), ""),
-        ("paraxial working F-number", json!(d.paraxial_working_f_number), ""),
-        ("working F-number", json!(d.working_f_number), ""),
-        ("image space NA", json!(d.image_space_na), ""),
-        ("NA of real rays", json!(d.real_na), ""),
-        ("entrance pupil position", json!(d.entrance_pupil_position_mm), "mm"),
-        ("entrance pupil diameter", json!(d.entrance_pupil_diameter_mm), "mm"),
-        ("exit pupil position", json!(d.exit_pupil_position_mm), "mm"),
-        ("exit pupil diameter", json!(d.exit_pupil_diameter_mm), "mm"),
-        ("stop radius", json!(d.stop_radius_mm), "mm"),
-        ("paraxial image height", json!(d.paraxial_image_height_mm), "mm"),
-        ("paraxial height on film", json!(d.paraxial_film_height_mm), "mm"),
-        ("maximum field", json!(d.maximum_field_deg), "deg"),
-        ("angular magnification", json!(d.angular_magnification), ""),
-        ("magnification", json!(d.magnification), ""),
-        ("object distance", json!(d.object_distance_mm), "mm"),
-    ]
-}
-
-fn design_json(d: &Description) -> Value {
-    let mut map = serde_json::Map::new();
-    map.insert("name".into(), json!(d.name));
-    map.insert("primary_wavelength_nm".into(), json!(d.primary_wavelength_nm));
-    for (name, value, unit) in design_figures(d) {
-        let unit = if unit.is_empty() { String::new() } else { format!("_{unit}") };
-        map.insert(format!("{}{unit}", name.replace([' ', '-'], "_").to_lowercase()), value);
-    }
-    Value::Object(map)
 }
 
 fn text(lens: &LensData, shown: &Shown, heights_mm: &[f64], args: &ShowArgs) -> Result<String> {
@@ -164,7 +159,7 @@ fn text(lens: &LensData, shown: &Shown, heights_mm: &[f64], args: &ShowArgs) -> 
         LensData::Design(..) => (
             "RMS and GEO: RMS and maximum radius of the spot of rays about its centroid",
             "window: side of the PSF window for 99 % of the light and light inside it, estimated from rays and edge diffraction;\n\
-             angle: solid angle of the bundle at the film relative to the axis, equal to RI in perfect focus",
+             angle: projected solid angle of the bundle at the film relative to the axis, equal to RI in perfect focus",
         ),
         LensData::Pack(_) => (
             "RMS: RMS radius of the PSF about its centroid, inside its window",
@@ -189,7 +184,7 @@ fn text(lens: &LensData, shown: &Shown, heights_mm: &[f64], args: &ShowArgs) -> 
             f.height_mm,
             optional(degrees, 4),
             f.illumination,
-            optional(f.relative_solid_angle, 5),
+            optional(f.relative_projected_solid_angle, 5),
             f.distortion_percent,
             f.lateral_colour_um,
             f.rms_um,
@@ -207,8 +202,8 @@ fn text(lens: &LensData, shown: &Shown, heights_mm: &[f64], args: &ShowArgs) -> 
         out += &format!(
             "\nPolychromatic spots: all wavelengths of the design by weight, {RINGS} rings of rays, radius about the centroid\n"
         );
-        for (mm, rms, geo) in spots(system, heights_mm)? {
-            out += &format!("{mm:9.4} mm   RMS {rms:.3} µm   GEO {geo:.3} µm\n");
+        for (mm, s) in spots(system, heights_mm)? {
+            out += &format!("{mm:9.4} mm   RMS {:.3} µm   GEO {:.3} µm\n", s.rms_um, s.geo_um);
         }
     }
     Ok(out)
@@ -226,18 +221,12 @@ pub fn strehl_note<'a>(fields: impl IntoIterator<Item = &'a FieldFigures>) -> St
     }
 }
 
-/// Rings of rays of the polychromatic spots: the default of lens design programs.
-const RINGS: usize = 6;
-
-/// Polychromatic spots: height at the primary wavelength in mm, RMS and GEO radius in µm; without field points whose rays do not
-/// reach the image.
-fn spots(system: &System, heights_mm: &[f64]) -> Result<Vec<(f64, f64, f64)>> {
+/// Polychromatic spots by height at the primary wavelength in mm, without field points whose rays do not reach the image.
+fn spots(system: &System, heights_mm: &[f64]) -> Result<Vec<(f64, PatternSpot)>> {
     let tracer = Tracer::new(system, system.primary_um())?;
     let tracers = weighted_tracers(system)?;
-    let spot = |mm: f64| {
-        let (rms, geo) = polychromatic_spot(&tracers, tracer.field_of_height(mm).ok()?, RINGS).ok()?;
-        Some((mm, rms, geo))
-    };
+    let spot =
+        |mm: f64| Some((mm, pattern_spot(&tracers, tracer.field_of_height(mm).ok()?, RINGS, mm).ok()?));
     Ok(heights_mm.iter().filter_map(|mm| spot(*mm)).collect())
 }
 

@@ -70,11 +70,13 @@ fn figures_of(f: &RayFigures, wavelength_nm: f64) -> FieldFigures {
         ideal_height_mm: f.ideal_height_mm,
         illumination: f.light.irradiance_sr / f.axis.irradiance_sr,
         // Undefined for collimated light.
-        relative_solid_angle: Some(f.light.solid_angle_sr / f.axis.solid_angle_sr).filter(|v| v.is_finite()),
+        relative_projected_solid_angle: Some(f.light.solid_angle_sr / f.axis.solid_angle_sr)
+            .filter(|v| v.is_finite()),
         distortion_percent: 100.0 * f.distortion,
         lateral_colour_um: f.lateral_colour_um,
         rms_um: f.spot.rms_um,
         geo_um: Some(f.spot.geo_um),
+        f_numbers: Some(f.f_numbers),
         strehl: Some(f.spot.strehl).filter(|v| v.is_finite()),
         window_um: f.window_px.map_or(f64::INFINITY, |px| px as f64 * FILM_PITCH_UM),
         energy: f.light_inside,

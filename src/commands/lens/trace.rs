@@ -8,7 +8,8 @@ use crate::args::{Store, TraceArgs};
 use crate::design;
 use crate::failure::{other_job, usage};
 use crate::job::lens::attributes::attributes;
-use crate::progress::{detail_line, log_line, plural, tracing_bar};
+use crate::job::lens::energy::{MissedEnergy, percent};
+use crate::progress::{TracingBar, detail_line, log_line, number, plural};
 use anyhow::{Context, Result};
 use estimate::{Needed, estimate};
 use formats::design::builtin::SAMPLE;
@@ -19,6 +20,7 @@ use pipeline::design::describe::field_tan;
 use pipeline::design::image_circle::EDGE;
 use pipeline::design::ray::Tracer;
 use pipeline::design::trace::{BandReport, Progress, PsfHeights, TraceOptions, TracedBand, trace_lens};
+use pipeline::psf::blocks::Blocks;
 use std::path::Path;
 use std::time::Instant;
 use writer::write_beside;
@@ -57,11 +59,11 @@ pub fn command(args: &TraceArgs) -> Result<()> {
         ));
     }
     let pack = create_pack(&args.out)?;
-    let bar = tracing_bar(options.wavelengths_nm.len());
+    let bar = TracingBar::new(options.wavelengths_nm.len());
     let mut reports: Vec<BandReport> = Vec::new();
     let mut progress = |p: Progress| {
-        bar.set_position(p.band as u64);
-        bar.set_message(format!("{} nm: {} ({} PSFs)", options.wavelengths_nm[p.band], p.step, p.psfs));
+        bar.set_bands(p.band);
+        bar.step(format!("{} nm: {} ({} PSFs)", number(options.wavelengths_nm[p.band]), p.step, p.psfs));
     };
     let result = write_beside(pack, stored, |write| {
         trace_lens(&system, &options, &mut progress, |index, band| {
@@ -70,7 +72,7 @@ pub fn command(args: &TraceArgs) -> Result<()> {
             write(index, band)
         })
     });
-    bar.finish_and_clear();
+    bar.finish();
     let context = || format!("tracing {}", args.design);
     let (traced, pack) = result.with_context(context)?;
     let lens = traced.with_context(context)?;
@@ -96,7 +98,7 @@ fn band_line(TracedBand { tables, report, .. }: &TracedBand) -> String {
     });
     format!(
         "{} nm: window {} px with at least {:.2} % of the light, {} heights, {nodes} nodes, kernel error {error}",
-        report.wavelength_nm,
+        number(report.wavelength_nm),
         report.window_px,
         100.0 * report.min_energy,
         tables.psf_height_mm.len(),
@@ -137,8 +139,11 @@ fn summary(out: &Path, options: &TraceOptions, reports: &[BandReport], seconds: 
     );
     let least = reports.iter().map(|r| r.min_energy).fold(1.0, f64::min);
     let psfs: usize = reports.iter().map(|r| r.psfs).sum();
+    let missed = reports.iter().filter_map(|r| MissedEnergy::new(options, r.min_energy, r.window_px));
+    let worst = missed.min_by(|a, b| a.least.total_cmp(&b.least));
+    let requested = worst.map_or_else(String::new, |missed| format!(" ({})", missed.request()));
     [
-        format!("{bound}; every window contains at least {:.2} % of the light", 100.0 * least),
+        format!("{bound}; every window contains at least {} of the light{requested}", percent(least)),
         format!(
             "{}: {}, {psfs} PSFs traced in {seconds:.1} s, {:.1} MB; use it with `lenscube run CHART FILM --lens {0}`",
             out.display(),
@@ -165,6 +170,15 @@ fn options(args: &TraceArgs, system: &System) -> Result<TraceOptions> {
     };
     let mut options = TraceOptions::new(wavelengths, max_mm);
     options.energy = args.energy;
+    let widest_px = args.depths_m.map_or(TraceOptions::MAX_WINDOW_PX, |_| Blocks::widest_window());
+    options.max_window_px = args.max_window_px.unwrap_or(widest_px);
+    if args.depths_m.is_some() && options.max_window_px > Blocks::widest_window() {
+        return Err(usage(format!(
+            "--max-window-px {}: expected at most {} px for a pack with depth nodes",
+            options.max_window_px,
+            Blocks::widest_window()
+        )));
+    }
     options.psf_tolerance = args.psf_tolerance;
     options.max_nodes = args.max_nodes;
     options.psf_pitch_um = args.psf_pitch_um;

@@ -4,7 +4,7 @@
 //! program, version    strings
 //! exit_codes          code, meaning
 //! commands            name, about, arguments, commands
-//! arguments           name; flag, with its dashes, absent for operands; short; value, its name in the help; help; heading; default;
+//! arguments           name; flag, with its dashes, absent for operands; aliases, its former names; short; value, its name in the help; help; heading; default;
 //!                     values, if only these are allowed; takes_value, required, repeatable
 //! ```
 
@@ -53,6 +53,9 @@ fn argument(arg: &Arg) -> Value {
         }
     };
     insert("flag", arg.get_long().map(|l| format!("--{l}").into()));
+    let aliases: Vec<String> =
+        arg.get_all_aliases().unwrap_or_default().iter().map(|a| format!("--{a}")).collect();
+    insert("aliases", (!aliases.is_empty()).then(|| aliases.into()));
     insert("short", arg.get_short().map(|s| format!("-{s}").into()));
     let value = arg.get_value_names().and_then(<[_]>::first).filter(|_| takes_value);
     insert("value", value.map(|v| v.as_str().into()));

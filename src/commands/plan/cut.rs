@@ -30,8 +30,8 @@ pub fn outputs(job: &Job) -> BTreeMap<String, Shards> {
     job.regions.iter().enumerate().map(of).collect()
 }
 
-/// Divides the job, into units of `unit_rows` shard rows if given.
-pub fn units(job: &Job, unit_rows: Option<usize>) -> Vec<Unit> {
+/// Divides the job, into units of `unit_rows` shard rows or into at least `count` units if given.
+pub fn units(job: &Job, unit_rows: Option<usize>, count: Option<usize>) -> Vec<Unit> {
     let rows: Vec<(usize, usize)> = job
         .regions
         .iter()
@@ -39,16 +39,24 @@ pub fn units(job: &Job, unit_rows: Option<usize>) -> Vec<Unit> {
         .flat_map(|(region, area)| (0..area.count().0).map(move |row| (region, row)))
         .collect();
     let bands: Vec<usize> = (0..job.plans.len()).collect();
-    let cut = |group: usize, unit_rows: usize| -> Vec<Unit> {
+    let cut_into = |groups: &[&[usize]], parts: &[&[(usize, usize)]]| -> Vec<Unit> {
         let mut units = Vec::new();
-        for bands in bands.chunks(group) {
+        for bands in groups {
             let mut seen = BTreeSet::new();
-            for rows in rows.chunks(unit_rows) {
+            for rows in parts {
                 units.push(unit(job, units.len(), bands, rows, &mut seen));
             }
         }
         units
     };
+    let cut = |group: usize, unit_rows: usize| {
+        let (groups, parts): (Vec<_>, Vec<_>) =
+            (bands.chunks(group).collect(), rows.chunks(unit_rows).collect());
+        cut_into(&groups, &parts)
+    };
+    if let Some(count) = count {
+        return cut_into(&equal_parts(&bands, count), &equal_parts(&rows, count.div_ceil(bands.len())));
+    }
     if let Some(unit_rows) = unit_rows {
         return cut(1, unit_rows);
     }
@@ -65,6 +73,12 @@ pub fn units(job: &Job, unit_rows: Option<usize>) -> Vec<Unit> {
     }
     let group = bands.len().div_ceil(affordable.clamp(1, MAX_UNITS).min(bands.len()));
     if group == 1 { whole_bands } else { cut(group, rows.len()) }
+}
+
+/// At most `count` parts of `all` whose sizes differ by one at most.
+fn equal_parts<T>(all: &[T], count: usize) -> Vec<&[T]> {
+    let count = count.clamp(1, all.len().max(1));
+    (0..count).map(|i| &all[i * all.len() / count..(i + 1) * all.len() / count]).collect()
 }
 
 /// Sums of costs.
@@ -114,4 +128,21 @@ fn unit(
         range.1 = row + 1;
     }
     Unit { unit: number, bands: bands.to_vec(), rows: ranges, cost: all }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn equal_parts_hold_everything_in_order() {
+        let all: Vec<usize> = (0..31).collect();
+        for count in [1, 2, 7, 30, 31, 40] {
+            let parts = equal_parts(&all, count);
+            assert_eq!(parts.len(), count.min(31));
+            assert_eq!(parts.concat(), all);
+            let sizes = parts.iter().map(|p| p.len());
+            assert!(sizes.clone().max().unwrap() - sizes.min().unwrap() <= 1, "{count}");
+        }
+    }
 }

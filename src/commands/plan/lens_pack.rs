@@ -1,7 +1,7 @@
 //! `lenscube plan --lens-pack`: the bands of a design, traced for a job, in one lens pack; workers then need neither the trace cache nor
 //! time to trace.
 
-use crate::args::{DesignArgs, RunArgs};
+use crate::args::RunArgs;
 use crate::commands::lens::trace::bytes_of;
 use crate::failure::{other_job, usage};
 use crate::job::Job;
@@ -52,7 +52,7 @@ fn write_pack(job: &Job, run: &RunArgs, path: &Path) -> Result<String> {
         }
     }
     let attributes = PackAttributes {
-        image_plane: Some(format!("{:?}", DesignArgs::default().image_plane).to_lowercase()),
+        image_plane: Some(format!("{:?}", run.tracing.image_plane).to_lowercase()),
         source: Some(json!({
             "program": concat!("lenscube ", env!("CARGO_PKG_VERSION")),
             "design": run.lens,

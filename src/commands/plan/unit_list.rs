@@ -4,11 +4,15 @@ use crate::failure::usage;
 use anyhow::Result;
 use std::collections::BTreeSet;
 
-/// Parses `text`, units out of `count`; `env:NAME` reads the list from an environment variable.
+/// Parses `text`, units out of `count`; `env:NAME` reads the list from an environment variable. An empty text is an empty list, as `status --missing`
+/// prints it of a complete film.
 ///
 /// # Errors
 /// Usage: variable not set, not a list, a unit beyond the last.
 pub fn parse(text: &str, count: usize) -> Result<BTreeSet<usize>> {
+    if text.trim().is_empty() {
+        return Ok(BTreeSet::new());
+    }
     let Some(name) = text.strip_prefix("env:") else {
         return parse_list(text, count).map_err(|e| usage(format!("--unit {text}: {e}")));
     };

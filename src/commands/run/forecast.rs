@@ -7,13 +7,14 @@ use super::shards;
 use crate::args::RunArgs;
 use crate::failure::{Coded, code};
 use crate::film;
-use crate::job::Job;
 use crate::job::cost;
+use crate::job::{Job, UntracedJob};
 use crate::progress::mib;
 use crate::progress::{duration, plural, print as print_line};
 use anyhow::Result;
 use formats::chart::Codec;
 use formats::durable::{Store, free_bytes, is_url, link_target, parent_of};
+use formats::film::FilmSpec;
 use pipeline::tiling::ShardId;
 use pipeline::tiling::tiles_needed;
 use std::collections::BTreeSet;
@@ -50,9 +51,9 @@ impl<'a> Forecast<'a> {
             film,
             shards: missing.iter().map(BTreeSet::len).sum(),
             written: pixels * job.film.sample.bytes() as u64,
-            min_share: if job.film.codec == Codec::None { 1.0 } else { MIN_WRITTEN_SHARE },
+            min_share: min_share(&job.film),
             temporary: job.chart.temporary_bytes(&bands),
-            free: if is_url(film) { None } else { Some(free_bytes(existing(film))?) },
+            free: free(film)?,
         })
     }
 
@@ -104,6 +105,38 @@ fn gb(bytes: u64) -> String {
     format!("{:.2} GB", bytes as f64 * 1e-9)
 }
 
+/// Resolves the job of `args`; a film of another job and a disk that is too small for a new film are errors before its lens is traced.
+///
+/// # Errors
+/// Those of the run before its first shard.
+pub fn resolved(args: &RunArgs) -> Result<Job> {
+    let job = UntracedJob::new(args)?;
+    film::check_before_tracing(&job, args)?;
+    if !is_resumed(args)? {
+        let (written, temporary) = job.bytes();
+        let forecast = Forecast {
+            film: &args.film,
+            shards: 0,
+            written,
+            min_share: min_share(&job.film),
+            temporary,
+            free: free(&args.film)?,
+        };
+        forecast.check_space(args.process.force)?;
+    }
+    job.traced()
+}
+
+/// Share of the film's bytes that it needs at least.
+fn min_share(film: &FilmSpec) -> f64 {
+    if film.codec == Codec::None { 1.0 } else { MIN_WRITTEN_SHARE }
+}
+
+/// Bytes free where the film is written; `None` at a URL.
+fn free(film: &Path) -> Result<Option<u64>> {
+    Ok(if is_url(film) { None } else { Some(free_bytes(existing(film))?) })
+}
+
 /// Fails if the disk is too small for a film that is created, before one that it replaces is removed; unless `--force`.
 ///
 /// # Errors
@@ -128,7 +161,7 @@ fn is_resumed(args: &RunArgs) -> Result<bool> {
 /// # Errors
 /// Those of the run before its first shard; the disk is too small.
 pub fn print(args: &RunArgs) -> Result<()> {
-    let job = Job::new(args)?;
+    let job = resolved(args)?;
     // Fails if a film of another job is there.
     film::expected_provenance(&job, args)?;
     let requested = shards::requested(&job, None);

@@ -51,7 +51,12 @@ pub fn nothing_to_do(jsonl: Option<&Jsonl>, store: &FilmStore, shards: usize) {
         "start",
         json!({ "film": film, "shards": shards, "shards_done": shards, "tiles": 0, "pixels": 0 }),
     );
-    jsonl.write("done", json!({ "code": 0, "shards": 0, "tiles": 0, "pixels": 0, "bytes_read": 0, "bytes_written": 0, "wall_s": 0.0 }));
+    jsonl.write("done", nothing_done());
+}
+
+/// The fields of the `done` event of a command that had nothing to compute.
+pub fn nothing_done() -> Value {
+    json!({ "code": 0, "shards": 0, "tiles": 0, "pixels": 0, "bytes_read": 0, "bytes_written": 0, "wall_s": 0.0 })
 }
 
 /// Writes the `done` event.

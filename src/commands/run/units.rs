@@ -51,6 +51,11 @@ impl Units {
         Ok(Self { path, plan, name, list })
     }
 
+    /// Whether there is none.
+    pub fn is_empty(&self) -> bool {
+        self.list.is_empty()
+    }
+
     /// The units as a list.
     pub fn listed(&self) -> String {
         unit_list::format(&self.list)

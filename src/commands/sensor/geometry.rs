@@ -30,12 +30,13 @@ impl Geometry {
     /// Places `sensor` on `film`.
     pub fn new(sensor: &Sensor, film: &Film, args: &ExposeArgs) -> Result<Self> {
         let (p, a) = (sensor.pixel.pitch_um, sensor.pixel.aperture_um);
-        if p < film.pitch_um * (1.0 - 1e-9) && !args.coarse_film {
-            return Err(usage(format!(
-                "sensor pixels of {p} µm on a film of {} µm: nothing is known inside a film pixel; make the film with `lenscube run \
-                 --film-pitch-um {p}` or less, or take it as it is with --coarse-film",
-                film.pitch_um
-            )));
+        if !args.coarse_film {
+            check_pitch(
+                sensor,
+                film.pitch_um,
+                "make the film with `lenscube run ",
+                ", or take it as it is with --coarse-film",
+            )?;
         }
         let wanted = (args.center.1 * 1e3, args.center.0 * 1e3);
         let centre = (film.axis_um.0 + wanted.0, film.axis_um.1 + wanted.1);
@@ -124,6 +125,20 @@ impl Geometry {
             "centre_um": {"y": self.rows.centre_um, "x": self.columns.centre_um},
             "resample": match self.resample { Resample::Cubic => "cubic", Resample::Area => "area" },
         })
+    }
+}
+
+/// Fails for a film of coarser pixels than the sensor's; the way out is `make` with a flag, `or` another.
+///
+/// # Errors
+/// Usage.
+pub fn check_pitch(sensor: &Sensor, film_um: f64, make: &str, or: &str) -> Result<()> {
+    let p = sensor.pixel.pitch_um;
+    match p < film_um * (1.0 - 1e-9) {
+        true => Err(usage(format!(
+            "sensor pixels of {p} µm on a film of {film_um} µm: nothing is known inside a film pixel; {make}--film-pitch-um {p}` or less{or}"
+        ))),
+        false => Ok(()),
     }
 }
 

@@ -1,7 +1,8 @@
 //! `lenscube sensor FILM OUT.dng|.tif|.png`: one frame as a file.
 //!
 //! The frame is exposed into a raw beside the file, `OUT.raw.zarr`, so that an interrupted command resumes; when the file is complete, that
-//! raw is removed. DNG holds the digital numbers; TIFF and PNG hold them as 16-bit grey, scaled so that 2^bits − 1 is 65535.
+//! raw is removed. DNG holds the digital numbers; TIFF and PNG hold them as 16-bit grey, scaled so that 2^bits − 1 is 65535, or as they are
+//! (`--keep-dn`).
 
 use super::raw;
 use super::resolve::RawJob;
@@ -236,17 +237,26 @@ fn convert(
         let numbers = |rows| read(rows).map(|all| all.iter().map(|v| *v as u16).collect());
         write_dng(out, &dng, (ROWS, threads), &progress, numbers)?;
     } else {
+        let (scale, meaning) = match args.keep_dn {
+            true => (1.0, "values are DN".to_owned()),
+            false => (65535.0 / sensor.max_dn() as f32, format!("65535 is {} DN", sensor.max_dn())),
+        };
+        if !args.keep_dn && sensor.max_dn() < 65535.0 {
+            log_line(format!(
+                "note: {}: {meaning}; --keep-dn writes digital numbers as they are",
+                out.display()
+            ));
+        }
         let picture = Developed {
             path: out,
             size: rect.size(),
             channels: 1,
             depth: 16,
             linear: true,
-            comment: &format!("{comment}; 65535 is {} DN", sensor.max_dn()),
+            comment: &format!("{comment}; {meaning}"),
             rows: ROWS,
             threads,
         };
-        let scale = 65535.0 / sensor.max_dn() as f32;
         let codes = |rows| read(rows).map(|all| all.iter().map(|v| (v * scale + 0.5) as u16).collect());
         match format {
             FileFormat::Png => write_png(&picture, &progress, codes)?,

@@ -3,7 +3,7 @@
 use super::open::open_sensor;
 use crate::args::{SensorShowArgs, check_directory};
 use crate::outputs::check_absent_in;
-use crate::progress::{log_line, print};
+use crate::progress::{log_line, number, print};
 use anyhow::{Context, Result};
 use formats::picture::plot::{Axis, Plot, Series, stacked};
 use formats::picture::style::Colour;
@@ -107,7 +107,7 @@ fn noises(sensor: &Sensor, over: Over) -> String {
         Quantity::Charge => format!("{} {value} e-", row.label),
         Quantity::Number => format!("{} {value} DN", row.label),
         Quantity::LightShare | Quantity::DarkShare | Quantity::ChargeShare => {
-            format!("{} {} %", row.label, 100.0 * value)
+            format!("{} {} %", row.label, number(100.0 * value))
         }
     });
     texts.collect::<Vec<_>>().join(", ")

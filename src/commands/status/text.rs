@@ -1,7 +1,7 @@
 //! The status of a film as text.
 
 use super::report::{BandStatus, LockStatus, Status};
-use crate::progress::plural;
+use crate::progress::{number, plural};
 use formats::film::FilmStore;
 use formats::pyramid::PyramidState;
 use serde_json::Value;
@@ -93,8 +93,9 @@ fn bands(bands: &[BandStatus]) -> String {
     let partial: Vec<&BandStatus> =
         bands.iter().filter(|b| 0 < b.shards_done && b.shards_done < b.shards).collect();
     let listed = partial.iter().take(MAX_LISTED);
-    let listed: Vec<String> =
-        listed.map(|b| format!("{} nm: {} of {}", b.wavelength_nm, b.shards_done, b.shards)).collect();
+    let listed: Vec<String> = listed
+        .map(|b| format!("{} nm: {} of {}", number(b.wavelength_nm), b.shards_done, b.shards))
+        .collect();
     format!(
         "  bands   {} complete, {} partly done{}, {} not started",
         count(|b| b.shards_done == b.shards),

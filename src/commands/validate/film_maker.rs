@@ -123,6 +123,6 @@ pub fn inside_film(rect: Rect, size: usize, what: &str) -> Result<Rect> {
         return Ok(rect);
     }
     Err(usage(format!(
-        "{what}: the measured region, {rect}, is not inside the film of {size}x{size} px; choose a larger --size"
+        "{what}: the measured region, {rect}, is not inside the film of {size}x{size} px; choose a larger --film-size"
     )))
 }

@@ -53,7 +53,7 @@ impl ReferenceLens {
     pub fn open(name: &str) -> Result<Self> {
         Ok(match UntracedLens::open(name)? {
             UntracedLens::Pack(pack) => Self::Pack(pack),
-            UntracedLens::Design(system, ..) => Self::Design(system),
+            UntracedLens::Design(design) => Self::Design(Box::new(design.system)),
         })
     }
 

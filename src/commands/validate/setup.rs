@@ -50,7 +50,7 @@ impl Setup {
             let chosen = crate::job::chosen_bands(text, &wavelengths_nm)?;
             wavelengths_nm = chosen.into_iter().map(|b| wavelengths_nm[b]).collect();
         }
-        let size = args.size as usize;
+        let size = args.film_size as usize;
         let against = args.against.as_ref().unwrap_or(&args.lens);
         let is_of_paper = |name: &str| PAPER_LENSES.contains(&name);
         let of_paper = is_of_paper(&args.lens)

@@ -51,7 +51,8 @@ impl Content {
         let drawn = metadata.as_ref().and_then(|m| m.provenance.get("job")?["chart"]["drawn"].as_str());
         let chart = args.chart.clone().or_else(|| drawn.map(|spec| format!("gen:{spec}")));
         let share = memory / if chart.is_some() { 2 } else { 1 };
-        let film = ImagePyramid::open(&args.film, args.wavelengths.as_deref(), None, share)?;
+        let film =
+            ImagePyramid::open(&args.film, (args.wavelengths.as_deref(), args.axes.as_ref()), None, share)?;
         if let Some(mosaic) = &film.mosaic {
             for (flag, given) in [
                 ("--chart", args.chart.is_some()),
@@ -73,15 +74,18 @@ impl Content {
         }
         let chart = match chart {
             None => None,
-            Some(spec) => match ImagePyramid::open(&spec, None, Some(&film.wavelengths_nm), share) {
-                Ok(chart) => Some(chart),
-                // The user did not request it.
-                Err(e) if args.chart.is_none() => {
-                    log_line(format!("note: the chart is not shown: {}", line(&e)));
-                    None
+            Some(spec) => {
+                match ImagePyramid::open(&spec, (None, args.axes.as_ref()), Some(&film.wavelengths_nm), share)
+                {
+                    Ok(chart) => Some(chart),
+                    // The user did not request it.
+                    Err(e) if args.chart.is_none() => {
+                        log_line(format!("note: the chart is not shown: {}", line(&e)));
+                        None
+                    }
+                    Err(e) => return Err(e),
                 }
-                Err(e) => return Err(e),
-            },
+            }
         };
         let lens = match &metadata {
             None => Err("a chart has no lens, only a film".to_owned()),

@@ -248,7 +248,7 @@ mod tests {
     #[test]
     fn crop_and_tile_pixels_equal_those_of_export() {
         let spec = "checker?size=700&overscan=0&wavelengths=400:700:25";
-        let pyramid = ImagePyramid::open(&format!("gen:{spec}"), None, None, 64 << 20).unwrap();
+        let pyramid = ImagePyramid::open(&format!("gen:{spec}"), (None, None), None, 64 << 20).unwrap();
         let chart: Generator = spec.parse().unwrap();
         let (rect, cancel) = (Rect::new(17, 300, 290, 310), AtomicBool::new(false));
         for light in Illuminant::ALL {
@@ -270,7 +270,8 @@ mod tests {
     #[test]
     fn cancelled_request_reads_nothing() {
         let pyramid =
-            ImagePyramid::open("gen:siemens?size=2000&wavelengths=550", None, None, 64 << 20).unwrap();
+            ImagePyramid::open("gen:siemens?size=2000&wavelengths=550", (None, None), None, 64 << 20)
+                .unwrap();
         let e = pyramid.exposure(Mode::Band(0), &AtomicBool::new(true)).unwrap_err();
         assert!(e.is::<Cancelled>(), "{e}");
         assert!(pyramid.exposure(Mode::Band(0), &AtomicBool::new(false)).unwrap() > 0.0);

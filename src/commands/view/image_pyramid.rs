@@ -7,10 +7,10 @@
 use super::mosaic::Mosaic;
 use crate::camera::frame::array_index;
 use crate::failure::usage;
-use crate::open::{self, Chart};
+use crate::open::{self, Chart, ChartFlags};
 use anyhow::{Context, Result, bail};
 use formats::chart::cache::Cache;
-use formats::chart::{NanPolicy, split_array};
+use formats::chart::{AxisOrder, NanPolicy, split_array};
 use formats::film::FilmStore;
 use formats::picture::exposure::{Exposure, Levels};
 use formats::pyramid::{PyramidState, halve, level_sizes};
@@ -87,7 +87,13 @@ pub fn open_film(spec: &str) -> Result<Option<(FilmStore, usize)>> {
 impl ImagePyramid {
     /// Opens a film, chart or generated chart with caches of about `memory` bytes. `only`: use the bands at these wavelengths, all
     /// of which must exist.
-    pub fn open(spec: &str, wavelengths: Option<&str>, only: Option<&[f64]>, memory: usize) -> Result<Self> {
+    /// A chart without wavelengths has these.
+    pub fn open(
+        spec: &str,
+        (wavelengths, axes): (Option<&str>, Option<&AxisOrder>),
+        only: Option<&[f64]>,
+        memory: usize,
+    ) -> Result<Self> {
         let generated = spec.starts_with("gen:");
         let film = if generated { None } else { open_film(spec)? };
         let mosaic = if generated || film.is_some() { None } else { Mosaic::open(spec)? };
@@ -104,7 +110,25 @@ impl ImagePyramid {
                 open::chart(&array, wavelengths.filter(|_| level == 0), NanPolicy::Keep, memory / share)
             }
             (_, Some(mosaic)) => Ok(Chart::Store(Box::new(mosaic.level(level, memory / share)?))),
-            _ => open::chart(spec, wavelengths, NanPolicy::Keep, memory / share),
+            _ => {
+                let flags = |wavelengths| ChartFlags {
+                    wavelengths,
+                    axes,
+                    nan: NanPolicy::Keep,
+                    cache_bytes: memory / share,
+                    ..ChartFlags::default()
+                };
+                let chart = open::chart_with(spec, &flags(wavelengths));
+                let lacks =
+                    |chart: &Result<Chart>| chart.as_ref().map_or(true, |c| c.wavelengths_nm().is_err());
+                match only
+                    .map(pipeline::wavelengths::format)
+                    .filter(|_| wavelengths.is_none() && lacks(&chart))
+                {
+                    None => chart,
+                    Some(nm) => open::chart_with(spec, &flags(Some(&nm))),
+                }
+            }
         };
         let full = open(0, 4)?;
         let all_nm = full.wavelengths_nm()?;
@@ -337,7 +361,8 @@ mod tests {
     fn tiles_of_a_very_large_image_have_separate_cache_keys() {
         // A packed key of 20 bits per coordinate would confuse column 2^20 with column 0 of the next row.
         let pyramid =
-            ImagePyramid::open("gen:siemens?size=900x600&wavelengths=450,550", None, None, 64 << 20).unwrap();
+            ImagePyramid::open("gen:siemens?size=900x600&wavelengths=450,550", (None, None), None, 64 << 20)
+                .unwrap();
         let (cancel, mode) = (AtomicBool::new(false), Mode::Band(0));
         let first = pyramid.tile(0, (0, 0), mode, &cancel).unwrap();
         let again = |key| {

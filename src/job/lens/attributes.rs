@@ -1,9 +1,9 @@
 //! Attributes of a lens pack of traced bands: where it comes from and how exact it is.
 
-use crate::args::DesignArgs;
+use crate::args::{CoatingsArg, DesignArgs};
 use formats::lens::PackAttributes;
 use pipeline::design::trace::{BandReport, TraceOptions};
-use serde_json::json;
+use serde_json::{Value, json};
 
 /// Attributes of a traced pack.
 pub fn attributes(
@@ -29,12 +29,23 @@ pub fn attributes(
         defocus_mm: Some(place.defocus_mm),
         frame: Some("field point on +x, row down; heights real unless named ideal; mm".into()),
         psf_tolerance: Some(json!({ "requested_l1": options.psf_tolerance, "bands": bands })),
-        source: Some(json!({
-            "program": concat!("lenscube ", env!("CARGO_PKG_VERSION")),
-            "design": design,
-            "film_pitch_um": options.film_pitch_um,
-            "energy": options.energy,
-            "aiming": place.aiming.map_or("as in the design".into(), |a| format!("{a:?}").to_lowercase()),
-        })),
+        source: Some(with_coatings(
+            json!({
+                "program": concat!("lenscube ", env!("CARGO_PKG_VERSION")),
+                "design": design,
+                "film_pitch_um": options.film_pitch_um,
+                "energy": options.energy,
+                "aiming": place.aiming.map_or("as in the design".into(), |a| format!("{a:?}").to_lowercase()),
+            }),
+            &place.coatings,
+        )),
     }
+}
+
+/// Coatings other than ideal ones.
+fn with_coatings(mut source: Value, coatings: &CoatingsArg) -> Value {
+    if *coatings != CoatingsArg::Ideal {
+        source["coatings"] = coatings.to_string().into();
+    }
+    source
 }

@@ -47,10 +47,9 @@ pub type WriteBand<'a> =
 /// Digest of all inputs of a traced band. `options` must hold its wavelength only; `depth`: it is traced at depth nodes of these vergences, or, without
 /// any, its nodes are placed.
 pub fn recipe(system: &System, options: &TraceOptions, depth: Option<(&DepthOptions, &[f64])>) -> String {
-    // Name and notes do not change the result.
-    let system = System { name: String::new(), notes: Vec::new(), ..system.clone() };
+    let system = system.identity();
     let mut text = format!(
-        "lenscube traced band, tracer {TRACER_VERSION}, nodes {NODES_VERSION}\n{system:?}\n{options:?}\n"
+        "lenscube traced band, tracer {TRACER_VERSION}, nodes {NODES_VERSION}\n{system}\n{options:?}\n"
     );
     if let Some((depth, nodes)) = depth {
         text.push_str(&format!("{depth:?}\n{nodes:?}\n"));

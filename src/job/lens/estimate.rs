@@ -1,17 +1,18 @@
 //! Depth nodes of a design without its PSFs, for a forecast.
 //!
-//! Vergences are placed as by a trace, from kernels at the axis and the film's corner; over a wide range of blur they have a
-//! usual density. Each node's window is estimated from rays
+//! Vergences are placed as by a trace, from kernels at the axis and the film's corner; over a wide range of blur they are
+//! estimated from some of these kernels. Each node's window is estimated from rays
 //! ([`LensTrace::estimate`]); heights and azimuths are typical ones, evenly spaced, on which the number of kernels that reach a block depends.
 
 use super::blur::{check_blur, margin_mm};
 use super::reach::Reach;
 use super::tracing_job::{TracedFor, TracingJob, trace_options};
+use crate::args::TracingArgs;
 use anyhow::Result;
 use pipeline::band::Options;
-use pipeline::design::depth::estimate::{estimate, expected_nodes};
+use pipeline::design::depth::estimate::{DepthEstimate, estimate};
 use pipeline::design::depth::nodes::{ESF_TOLERANCE, Placement};
-use pipeline::design::depth::trace::{header, nodes};
+use pipeline::design::depth::trace::{estimated_nodes, header, nodes};
 use pipeline::design::ray::Tracer;
 use pipeline::design::trace::{LensTrace, lens_header};
 use pipeline::design::{DesignError, System};
@@ -23,7 +24,7 @@ use pipeline::lens::{Lens, LensBand};
 /// PSF heights of a node and azimuths of each: those of traced lenses are 40 to 54 and 32 to 96.
 const HEIGHTS: usize = 48;
 const AZIMUTHS: usize = 64;
-/// Range of blur radii, film px and µm, up to which nodes are placed as by a trace; of a larger one they are as many as usual.
+/// Range of blur radii, film px and µm, up to which nodes are placed as by a trace; of a larger one they are estimated.
 const PLACED: (f64, f64) = (16.0, 32.0);
 /// Field points of the tables.
 const FIELD_POINTS: usize = 65;
@@ -34,8 +35,8 @@ pub struct EstimatedLens {
     pub lens: Lens,
     /// Largest L1 error of a kernel half-way between nodes.
     pub l1: f64,
-    /// PSFs of the band's nodes, bytes.
-    pub bytes: u64,
+    /// What tracing the band's nodes needs.
+    pub needed: DepthEstimate,
 }
 
 /// The depth nodes of `system`, called `name`, for the surfaces of `traced_for` on the film of `frame`.
@@ -43,12 +44,12 @@ pub struct EstimatedLens {
 /// # Errors
 /// A ray that does not reach the image; an object too near; a film larger than the lens's field; usage: a surface too far from focus.
 pub fn estimated(
-    (system, name): (&System, &str),
+    (system, name, tracing): (&System, &str, &TracingArgs),
     frame: &Frame,
     options: &Options,
     traced_for: TracedFor<'_>,
 ) -> Result<EstimatedLens> {
-    let job = TracingJob { system, name, frame, options, depth: Some(traced_for) };
+    let job = TracingJob { system, name, frame, options, tracing: Some(tracing), depth: Some(traced_for) };
     let nm = system.primary_um() * 1e3;
     let at_primary = trace_options(nm, 1.0, &job);
     check_blur(&job, &traced_for, &at_primary)?;
@@ -65,18 +66,18 @@ pub fn estimated(
     let trace = trace_options(nm, reach_mm, &job);
     let mut head = header(system, depth)?;
     let blur_px = head.blur_per_dioptre_um / trace.film_pitch_um;
-    let placement = match (depth.range.1 - depth.range.0) * blur_px
-        <= PLACED.0.min(PLACED.1 / trace.film_pitch_um)
-    {
-        true => nodes(system, &trace, 0, depth)?,
-        false => {
-            Placement { vergence: expected_nodes(depth, blur_px), l1: depth.tolerance, esf: ESF_TOLERANCE }
-        }
-    };
+    let placement =
+        match (depth.range.1 - depth.range.0) * blur_px <= PLACED.0.min(PLACED.1 / trace.film_pitch_um) {
+            true => nodes(system, &trace, 0, depth)?,
+            false => {
+                let vergence = estimated_nodes(system, &trace, 0, depth)?;
+                Placement { vergence, l1: depth.tolerance, esf: ESF_TOLERANCE }
+            }
+        };
     let in_use = traced_for.surfaces.nodes_in_use(&placement.vergence, depth.focus, frame.chart);
     let l1 = placement.l1;
     let vergence = placement.only(&in_use).vergence;
-    let bytes = estimate(system, &trace, 0, depth, &vergence)?.bytes;
+    let needed = estimate(system, &trace, 0, depth, &vergence)?;
     let psf_height_mm: Vec<f64> = spaced(HEIGHTS, reach_mm);
     let azimuth_count: Vec<usize> = (0..HEIGHTS).map(|k| if k == 0 { 1 } else { AZIMUTHS }).collect();
     let node = |v: &f64| -> Result<DepthNode> {
@@ -99,7 +100,7 @@ pub fn estimated(
     lens.bands.push(tables);
     head.bands.push(nodes);
     lens.depth = Some(head);
-    Ok(EstimatedLens { lens, l1, bytes })
+    Ok(EstimatedLens { lens, l1, needed })
 }
 
 /// Heights of the chief rays up to `reach_mm`; no illumination, no PSFs.

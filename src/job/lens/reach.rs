@@ -162,7 +162,14 @@ mod tests {
         let stages = Stages::of(&[Stage::Ri, Stage::Distortion]);
         let options = Options { stages, ..default_options() };
         let frame = Frame::centred(size, size, 2.0);
-        let job = TracingJob { system: &system, name: "test", frame: &frame, options: &options, depth: None };
+        let job = TracingJob {
+            system: &system,
+            name: "test",
+            frame: &frame,
+            options: &options,
+            tracing: None,
+            depth: None,
+        };
         let reach = Reach { field_mm, steps_mm: steps_mm.to_vec(), ..Reach::new(&job, 0.0).unwrap() };
         reach.of(&Tracer::new(&system, 0.55).unwrap(), film_mm)
     }

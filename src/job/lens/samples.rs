@@ -15,6 +15,7 @@ use pipeline::design::{DesignError, System};
 use pipeline::figures::PsfWindow;
 use pipeline::lens::{Lens, LensBand};
 use serde_json::{Value, json};
+use std::path::Path;
 
 /// Lens pack or design.
 pub enum LensData {
@@ -49,8 +50,8 @@ pub struct FieldFigures {
     pub height_mm: f64,
     pub ideal_height_mm: f64,
     pub illumination: f64,
-    /// Solid angle of the bundle at the film relative to the axis; only of a design.
-    pub relative_solid_angle: Option<f64>,
+    /// Projected solid angle of the bundle at the film relative to the axis; only of a design.
+    pub relative_projected_solid_angle: Option<f64>,
     pub distortion_percent: f64,
     pub lateral_colour_um: f64,
     /// RMS radius: of the spot for a design, of the PSF inside its window for a pack.
@@ -59,6 +60,8 @@ pub struct FieldFigures {
     pub geo_um: Option<f64>,
     /// Strehl ratio; none if the pack's samples do not determine it.
     pub strehl: Option<f64>,
+    /// Working F-numbers along and across the meridian; only of a design.
+    pub f_numbers: Option<[f64; 2]>,
     /// Side of the PSF window.
     pub window_um: f64,
     /// Share of the light inside the window.
@@ -86,7 +89,13 @@ impl LensData {
     /// Opens the lens `name`; design flags are an error for a pack.
     pub fn open(name: &str, args: &DesignArgs) -> Result<Self> {
         if design::is_design(name) {
-            let system = design::open(name, args)?;
+            let mut system = design::open(name, args)?;
+            // A design without a name has that of its file in titles.
+            if system.name.trim().is_empty() {
+                system.name = Path::new(name)
+                    .file_stem()
+                    .map_or_else(String::new, |s| s.to_string_lossy().into_owned());
+            }
             let description = describe(&system).with_context(|| format!("design {name}"))?;
             return Ok(Self::Design(Box::new(system), Box::new(description)));
         }
@@ -119,7 +128,10 @@ impl LensData {
     pub fn wavelengths_nm(&self) -> Vec<f64> {
         let mut nm: Vec<f64> = match self {
             Self::Pack(pack) => pack.lens().bands.iter().map(|b| b.wavelength_nm).collect(),
-            Self::Design(system, _) => system.wavelengths_um.iter().map(|(um, _)| um * 1e3).collect(),
+            // Without the digits of rounding: 486.1, not 486.09999999999997.
+            Self::Design(system, _) => {
+                system.wavelengths_um.iter().map(|(um, _)| (um * 1e9).round() / 1e6).collect()
+            }
         };
         nm.sort_by(f64::total_cmp);
         nm.dedup();
@@ -179,11 +191,12 @@ impl LensSamples {
             height_mm: r,
             ideal_height_mm: band.ideal_height_at(r),
             illumination: band.illumination_at(r),
-            relative_solid_angle: None,
+            relative_projected_solid_angle: None,
             distortion_percent: band.distortion_percent(r),
             lateral_colour_um: band.lateral_colour_um(&self.primary, r),
             rms_um: field.spot.map_or_else(|| field.psf.rms_um(), |s| s.rms_um),
             geo_um: field.spot.map(|s| s.geo_um),
+            f_numbers: None,
             strehl: field.spot.map_or_else(|| field.psf.strehl(band, r), |s| Some(s.strehl)),
             window_um: field.psf.size as f64 * field.psf.pitch_um,
             energy: field.psf.energy,
@@ -198,12 +211,14 @@ impl FieldFigures {
             "image_height_mm": self.height_mm,
             "ideal_height_mm": self.ideal_height_mm,
             "relative_illumination": self.illumination,
-            "relative_solid_angle": self.relative_solid_angle,
+            "relative_projected_solid_angle": self.relative_projected_solid_angle,
             "distortion_percent": self.distortion_percent,
             "lateral_colour_um": self.lateral_colour_um,
             "rms_um": self.rms_um,
             "geo_um": self.geo_um,
             "strehl": self.strehl,
+            "working_f_number_tangential": self.f_numbers.map(|f| f[0]),
+            "working_f_number_sagittal": self.f_numbers.map(|f| f[1]),
             "psf_window_um": self.window_um,
             "energy_in_window": self.energy,
         })

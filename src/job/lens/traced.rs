@@ -15,6 +15,8 @@ pub struct Traced {
     pub(super) digest: String,
     pub(super) notes: Vec<String>,
     pub(super) details: Vec<String>,
+    /// What coatings would take from the light of a lens without them.
+    pub(super) ideal_light: Option<String>,
     /// File of the design, unless it is built in.
     pub(super) file: Option<DesignFile>,
     /// Keeps a temporary cache until the packs are closed.

@@ -10,14 +10,16 @@
 
 use super::attributes::attributes;
 use super::blur::{check_blur, margin_mm};
+use super::energy::{self, MissedEnergy};
 use super::reach::{BandReach, Reach};
 use super::traced::Traced;
 use super::tracing_job::{TracingJob, trace_options};
-use crate::args::DesignArgs;
+use crate::args::{DesignArgs, TracingArgs};
 use crate::design;
+use crate::failure::line;
 use crate::job::lens::cache::{self, Cache};
 use crate::job::lens::samples::design_reach_mm;
-use crate::progress::{jsonl, log_line, tracing_bar};
+use crate::progress::{TracingBar, jsonl, log_line};
 use anyhow::{Context, Result};
 use formats::lens::{LensPack, band_digest};
 use pipeline::design::ray::Tracer;
@@ -56,13 +58,19 @@ fn note_field(system: &System, name: &str, frame: &Frame) -> Result<()> {
 }
 
 /// Prints a note if PSFs are very wide, before they are traced.
-fn note_focus(system: &System, name: &str, options: &TraceOptions) -> Result<()> {
-    let estimate = LensTrace::new(system, options)?.estimate(0)?;
+fn note_focus(job: &TracingJob<'_>, options: &TraceOptions) -> Result<()> {
+    let name = job.name;
+    let estimate = LensTrace::new(job.system, options)?.estimate(0)?;
+    let in_focus = match job.tracing {
+        Some(_) => "`--image-plane paraxial` (or rms) moves it there".to_owned(),
+        None => format!(
+            "`lenscube lens trace {name} FOCUSED.lens.zarr --image-plane paraxial` (or rms) makes a lens pack in focus for --lens"
+        ),
+    };
     if options.window_px.is_none() && estimate.window_px >= WIDE_WINDOW_PX {
         log_line(format!(
             "note: PSFs of {name} are about {:.2} mm wide on this film ({} pixels of {} µm), which takes long to trace and to convolve; if \
-             the film is out of focus, `lenscube lens trace {name} FOCUSED.lens.zarr --image-plane paraxial` (or rms) makes a lens pack \
-             in focus for --lens",
+             the film is out of focus, {in_focus}",
             1e-3 * estimate.window_px as f64 * options.film_pitch_um,
             estimate.window_px,
             options.film_pitch_um,
@@ -90,11 +98,12 @@ pub(super) fn trace(job: &TracingJob<'_>, wavelengths_nm: &[f64], threads: usize
         cache: Cache::open()?,
         shared: SharedNodes::default(),
         threads,
-        bar: tracing_bar(nm.len()),
+        bar: TracingBar::new(nm.len()),
         traced: 0,
         is_announced: false,
     };
     let (mut lens, mut packs, mut recipes) = (None::<Lens>, Vec::new(), Vec::new());
+    let mut darkest = None::<(MissedEnergy, f64)>;
     let mut coarsest = (0.0, 0.0);
     let bands = nm.len();
     for (done, &nm) in nm.iter().enumerate() {
@@ -103,6 +112,11 @@ pub(super) fn trace(job: &TracingJob<'_>, wavelengths_nm: &[f64], threads: usize
         // With another reach at the second attempt it is still one band.
         tracer.traced = tracer.traced.min(before + 1);
         coarsest = if kernel_error(&pack) > coarsest.0 { (kernel_error(&pack), nm) } else { coarsest };
+        if let Some(missed) = missed_energy(&trace_options(nm, 1.0, job), &pack)
+            && darkest.is_none_or(|(worst, _)| missed.least < worst.least)
+        {
+            darkest = Some((missed, nm));
+        }
         let values = cache::values(&pack).map_or_else(|| pack.band_digest(0), |v| Ok(v.to_owned()))?;
         recipes.push(format!("{recipe}-{values}"));
         let merged = lens.get_or_insert_with(|| Lens { bands: Vec::new(), ..pack.lens().clone() });
@@ -112,10 +126,10 @@ pub(super) fn trace(job: &TracingJob<'_>, wavelengths_nm: &[f64], threads: usize
             all.bands.extend(depth.bands.iter().cloned());
         }
         packs.push(Arc::new(pack));
-        tracer.bar.inc(1);
+        tracer.bar.band_done();
         jsonl::traced(done + 1, bands);
     }
-    tracer.bar.finish_and_clear();
+    tracer.bar.finish();
     let (mut notes, mut details) = (Vec::new(), Vec::new());
     if design::is_builtin(name) { &mut details } else { &mut notes }.extend(system.notes.iter().cloned());
     if tracer.traced > 0 {
@@ -138,15 +152,59 @@ pub(super) fn trace(job: &TracingJob<'_>, wavelengths_nm: &[f64], threads: usize
             percent(tolerance)
         ));
     }
+    if let Some((missed, nm)) = darkest {
+        let windows = format!(
+            "PSF windows contain at least {} of the light (at {nm} nm) instead of {}",
+            energy::percent(missed.least),
+            energy::percent(missed.requested)
+        );
+        let limit = match missed.is_widest {
+            true => "as wide as they may be (--max-window-px)",
+            false => {
+                "limited by the samples of a PSF; `lenscube lens trace --max-nodes` makes a lens pack with more"
+            }
+        };
+        let is_asked = job.tracing.is_some_and(|tracing| tracing.energy.is_some());
+        if is_asked { &mut notes } else { &mut details }.push(format!("{windows}, {limit}"));
+    }
     let lens = lens.context("the chart has no band")?;
     let digest = blake3::hash(recipes.concat().as_bytes()).to_hex().to_string();
-    Ok(Traced { lens, packs, recipes, digest, notes, details, file: None, _cache: tracer.cache })
+    let ideal_light = design::note_on_ideal(system, wavelengths_nm);
+    Ok(Traced { lens, packs, recipes, digest, notes, details, ideal_light, file: None, _cache: tracer.cache })
 }
 
 /// Maximum L1 error of kernels between the nodes of a traced band; 0 if it was not determined.
 fn kernel_error(pack: &LensPack) -> f64 {
     let achieved = pack.attributes().psf_tolerance.as_ref();
     achieved.and_then(|t| t["bands"][0]["kernel_l1"].as_f64()).unwrap_or(0.0)
+}
+
+/// The window of a traced band or of its depth nodes with the least light, if that is less than `options` request.
+fn missed_energy(options: &TraceOptions, pack: &LensPack) -> Option<MissedEnergy> {
+    if options.window_px.is_some() {
+        return None;
+    }
+    let lens = pack.lens();
+    let of_bands = lens.bands.iter().map(|b| (&b.psf_energy, b.psf_size as f64 * b.psf_pitch_um));
+    let nodes = lens.depth.iter().flat_map(|depth| &depth.bands).flat_map(|band| &band.nodes);
+    let of_nodes = nodes.map(|n| (&n.psf_energy, n.psf_size as f64 * n.psf_pitch_um));
+    let missed = of_bands.chain(of_nodes).filter_map(|(energy, side_um)| {
+        let least = energy.iter().copied().fold(1.0, f64::min);
+        MissedEnergy::new(options, least, (side_um / options.film_pitch_um).round() as usize)
+    });
+    missed.min_by(|a, b| a.least.total_cmp(&b.least))
+}
+
+/// An error of tracing `name` in a command without flags of tracing: with the command that has the flags that it names.
+pub fn without_flags(name: &str, error: anyhow::Error) -> anyhow::Error {
+    let text = line(&error);
+    let flags = TracingArgs::FLAGS.iter().filter(|flag| text.contains(*flag)).count();
+    match flags {
+        0 => error,
+        _ => error.context(format!(
+            "this command traces {name} without flags; `lenscube lens trace {name} PACK` has them, and makes a lens pack for this command"
+        )),
+    }
 }
 
 /// Traces bands, or reads them from the cache.
@@ -156,7 +214,7 @@ pub(super) struct BandTracer<'a> {
     pub(super) cache: Cache,
     pub(super) shared: SharedNodes,
     pub(super) threads: usize,
-    pub(super) bar: indicatif::ProgressBar,
+    pub(super) bar: TracingBar,
     /// Number of bands that were not in the cache.
     pub(super) traced: usize,
     /// Whether tracing was announced.
@@ -217,7 +275,8 @@ impl BandTracer<'_> {
     fn band(&mut self, options: &TraceOptions) -> Result<(String, LensPack)> {
         let TracingJob { system, name, depth, .. } = self.job;
         let nm = options.wavelengths_nm[0];
-        let with = |reports: &[BandReport]| attributes(name, &DesignArgs::default(), options, reports);
+        let parameters = self.job.tracing.map_or_else(DesignArgs::default, |tracing| tracing.design(&[]));
+        let with = |reports: &[BandReport]| attributes(name, &parameters, options, reports);
         if let Some(depth) = &depth {
             return self.depth_band(options, depth, &with);
         }
@@ -227,11 +286,11 @@ impl BandTracer<'_> {
         }
         if !self.is_announced {
             self.announce();
-            note_focus(system, name, options)?;
+            note_focus(&self.job, options)?;
         }
         self.traced += 1;
         let (bar, threads, shared) = (&self.bar, self.threads, &mut self.shared);
-        let mut progress = |p: Progress| bar.set_message(format!("{nm} nm: {} ({} PSFs)", p.step, p.psfs));
+        let mut progress = |p: Progress| bar.step(format!("{nm} nm: {} ({} PSFs)", p.step, p.psfs));
         let (header, band) = with_threads(threads, || {
             let trace = LensTrace::new(system, options)?;
             let band = trace.band_sharing(0, shared, &mut progress)?;

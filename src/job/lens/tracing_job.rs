@@ -3,6 +3,7 @@
 //! The *trace pitch* is the film's pitch rounded down to ten steps per decade and at most 50 µm: larger pixels only average over more. Coarser
 //! pixels need fewer nodes and admit wider PSFs.
 
+use crate::args::TracingArgs;
 use pipeline::band::{BandPlan, Options};
 use pipeline::depth::plan::Surfaces;
 use pipeline::design::System;
@@ -40,6 +41,8 @@ pub(super) struct TracingJob<'a> {
     pub(super) name: &'a str,
     pub(super) frame: &'a Frame,
     pub(super) options: &'a Options,
+    /// Flags of the trace; none in commands without them, which have the defaults.
+    pub(super) tracing: Option<&'a TracingArgs>,
     /// Surfaces at several distances.
     pub(super) depth: Option<TracedFor<'a>>,
 }
@@ -75,6 +78,10 @@ pub(super) fn trace_options(nm: f64, reach_mm: f64, job: &TracingJob<'_>) -> Tra
     }
     if trace.film_pitch_um > FINE_PITCH_UM {
         trace.max_window_px = trace.max_window_px.min(window_of_samples(job.system, &trace, MAX_SIDE));
+    }
+    if let Some(TracingArgs { energy, max_window_px, .. }) = job.tracing {
+        trace.energy = energy.unwrap_or(trace.energy);
+        trace.max_window_px = max_window_px.unwrap_or(trace.max_window_px);
     }
     if !job.options.stages.has(Stage::Svpsf) {
         trace.heights = PsfHeights::Given(vec![0.0, reach_mm]);

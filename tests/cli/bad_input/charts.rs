@@ -137,6 +137,18 @@ fn nan_or_infinite_pixel_is_an_error_with_band_row_column() {
 }
 
 #[test]
+fn film_without_a_shard_is_begun_again_by_another_job() {
+    let mut picture = Picture::noise(5, Size::new(90, 100), 1);
+    picture.bands[0][713] = f32::NAN;
+    let job = job_with_raw_chart(picture, json!({}));
+    job.assert_fails(&[], &["--nan zero"]);
+    let ran = job.run(&["--nan", "zero"]).ok();
+    assert!(ran.stderr.contains("has no shard yet: it begins again"), "{}", ran.stderr);
+    // With its shard it is a film again that only its own job continues.
+    assert_error_line(&job.run(&["--nan", "error"]), OTHER_JOB, &["another job", "nan", "--overwrite"]);
+}
+
+#[test]
 fn damaged_chart_chunk_exits_1_and_names_the_file() {
     let job = SmallJob::new();
     let chunk = job.chart.join("chart/c/1/0/0");
@@ -146,7 +158,10 @@ fn damaged_chart_chunk_exits_1_and_names_the_file() {
     fs::write(&chunk, &good[..good.len() / 2]).unwrap();
     fs::remove_dir_all(&job.film).unwrap();
     job.assert_fails(&[], &["chart/c/1/0/0", "damaged"]);
-    // The restored file has another modification time, so the job has another chart.
+    // The restored file has another modification time, so the job has another chart; the film has no shard yet.
+    fs::write(&chunk, &good).unwrap();
+    let ran = job.run(&[]).ok();
+    assert!(ran.stderr.contains("has no shard yet"), "{}", ran.stderr);
     fs::write(&chunk, good).unwrap();
     assert_error_line(&job.run(&[]), OTHER_JOB, &["another job", "chart"]);
     job.run(&["--overwrite"]).ok();

@@ -40,6 +40,13 @@ fn a_frame_becomes_a_file_and_resumes() {
         std::iter::zip(&grey[0], &numbers).all(|(g, n)| (g * 65535.0).round() == (n * scale + 0.5).floor())
     );
     assert!(linear(&place.at("a.tif"), Transfer::Linear).1 == grey);
+    assert_exit(&sensor(&place.at("said.tif"), &[]), 0, &["65535 is 4095 DN; --keep-dn"]);
+    for name in ["dn.tif", "dn.png"] {
+        sensor(&place.at(name), &["--keep-dn"]).ok();
+        let (_, kept) = linear(&place.at(name), Transfer::Linear);
+        assert!(std::iter::zip(&kept[0], &numbers).all(|(g, n)| (g * 65535.0).round() == *n), "{name}");
+    }
+    assert_exit(&sensor(&place.at("dn.dng"), &["--keep-dn"]), USAGE, &["--keep-dn is for .tif and .png"]);
     let bad = |out: &str, flags: &[&str], words: &[&str]| {
         let out = place.at(out);
         let all = [&["sensor", text(&film), text(&out), "--exposure", "5ms"], flags].concat();

@@ -2,10 +2,6 @@
 
 use super::*;
 
-fn json(ran: CommandResult) -> Value {
-    serde_json::from_str(&ran.ok().stdout).unwrap()
-}
-
 #[test]
 fn traced_pack_has_requested_bands_and_heights_and_is_not_overwritten() {
     let dir = tempfile::tempdir().unwrap();
@@ -72,7 +68,7 @@ fn invalid_designs_and_trace_flags_fail_with_one_line() {
         );
     };
     bad("doublet", &[], USAGE, &["doublet", "double-gauss-28"]);
-    bad("double-gauss-28", &["--energy", "2"], FAILED, &["energy is 2", "between 0 and 1"]);
+    bad("double-gauss-28", &["--energy", "2"], USAGE, &["--energy", "between 0 and 1"]);
     bad("double-gauss-28", &["--heights", "0,3,1"], FAILED, &["heights", "ascending"]);
     bad("double-gauss-28", &["--heights", "0:x:1"], USAGE, &["--heights 0:x:1", "`x`"]);
     bad("double-gauss-28", &["--wavelengths", "700:400:10"], USAGE, &["--wavelengths 700:400:10"]);
@@ -268,4 +264,25 @@ fn diff_of_equal_lenses_is_zero_and_of_a_defocused_lens_large() {
         FAILED,
         &["nowhere.lens.zarr"],
     );
+}
+
+#[test]
+fn former_names_of_size_and_pitch_are_read() {
+    let camera = |size: &str, pitch: &str| {
+        lenscube(&["lens", "camera", "triplet", size, "300x200", pitch, "5", "--json"]).ok().stdout
+    };
+    assert_eq!(camera("--film-size", "--film-pitch-um"), camera("--film", "--pitch-um"));
+    let help = lenscube(&["lens", "camera", "--help"]).ok().stdout;
+    assert!(help.contains("--film-size") && !help.contains("--pitch-um "), "{help}");
+    let dir = tempfile::tempdir().unwrap();
+    let chart = |name: &str, size: &str, pitch: &str| {
+        let path = dir.path().join(name);
+        lenscube(&["chart", "checker", text(&path), size, "60x40", pitch, "3", "--wavelengths", "550"]).ok();
+        files(&path)
+    };
+    assert!(chart("a", "--film-size", "--film-pitch-um") == chart("b", "--size", "--pitch-um"));
+    for command in ["validate", "bench", "demo"] {
+        let words = [command, "--size", "12", "--film-size", "12"];
+        assert_exit(&lenscube(&words), USAGE, &["--film-size"]);
+    }
 }

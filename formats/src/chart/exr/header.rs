@@ -99,7 +99,8 @@ pub(super) fn content(path: &Path, header: &Header) -> Result<(ExrContent, Vec<u
     if emissive.is_empty() && reflective.is_empty() {
         emissive = plain_bands(&names);
     }
-    let channel = |name: &str| names.iter().position(|n| n == name);
+    let layer = if emissive.is_empty() && reflective.is_empty() { colour_layer(path, &names)? } else { "" };
+    let channel = |name: &str| channel_of(&names, layer, name);
     let (content, channels) = match (emissive.is_empty(), reflective.is_empty()) {
         (false, false) => {
             return Err(exr_error(path, "channels", "S0 or T", "both of them".into()));
@@ -127,11 +128,60 @@ pub(super) fn content(path: &Path, header: &Header) -> Result<(ExrContent, Vec<u
     Ok((content, channels))
 }
 
+/// Index of channel `name` of a layer; the layer of channels without a prefix is empty.
+fn channel_of(names: &[String], layer: &str, name: &str) -> Option<usize> {
+    let is = |full: &String| match layer {
+        "" => full == name,
+        layer => full.strip_prefix(layer).and_then(|rest| rest.strip_prefix('.')) == Some(name),
+    };
+    names.iter().position(is)
+}
+
+/// The layer whose colours are read, as renderers name channels (`ViewLayer.Combined.R`): the channels without a prefix if there are colours among them,
+/// else the only layer with R, G and B, or the only one of several that is named `Combined`. Empty if none has them.
+///
+/// # Errors
+/// Several layers with colours.
+fn colour_layer<'n>(path: &Path, names: &'n [String]) -> Result<&'n str, ChartError> {
+    if ["R", "G", "B", "Y"].iter().any(|name| channel_of(names, "", name).is_some()) {
+        return Ok("");
+    }
+    let of_red = names.iter().filter_map(|name| name.strip_suffix(".R"));
+    let layers: Vec<&str> =
+        of_red.filter(|l| ["G", "B"].iter().all(|c| channel_of(names, l, c).is_some())).collect();
+    let combined: Vec<&str> =
+        layers.iter().copied().filter(|l| l.rsplit('.').next() == Some("Combined")).collect();
+    match (&layers[..], &combined[..]) {
+        ([], _) => Ok(""),
+        ([one], _) | (_, [one]) => Ok(one),
+        (several, _) => {
+            let expected =
+                "colours of one layer, or of one that is named Combined; save it with that layer alone";
+            Err(exr_error(path, "channels", expected, format!("the layers {}", several.join(", "))))
+        }
+    }
+}
+
+/// The alpha channel of the layer of channel `of`.
+pub(super) fn alpha_of(header: &Header, of: usize) -> Option<String> {
+    let list = &header.channels.list;
+    let name = list[of].name.to_string();
+    let alpha = name.rsplit_once('.').map_or_else(|| "A".to_owned(), |(layer, _)| format!("{layer}.A"));
+    let names = [alpha, "A".to_owned()];
+    names.into_iter().find(|name| list.iter().any(|c| c.name == **name))
+}
+
 /// Remarks on attributes that are not applied: a data window other than the display window, and other primaries than sRGB's.
 pub(super) fn notes(header: &Header, content: &ExrContent) -> Vec<String> {
     let (window, at, size) =
         (header.shared_attributes.display_window, header.own_attributes.layer_position, header.layer_size);
     let mut notes = Vec::new();
+    let names: Vec<String> = header.channels.list.iter().map(|c| c.name.to_string()).collect();
+    if let (ExrContent::Rgb, Ok(layer)) = (content, colour_layer(Path::new(""), &names))
+        && !layer.is_empty()
+    {
+        notes.push(format!("the colours of its layer {layer} are read"));
+    }
     if (window.position, window.size) != (at, size) {
         notes.push(format!(
             "its data window is read ({}x{} px at row {}, column {}), not its display window ({}x{} px at row {}, column {})",
@@ -182,6 +232,26 @@ fn parse_wavelength(text: &str) -> Option<f64> {
 #[cfg(test)]
 mod tests {
     use super::*;
+
+    #[test]
+    fn colours_of_a_layer_are_found() {
+        let layer = |names: &[&str]| {
+            let names: Vec<String> = names.iter().map(|n| (*n).to_owned()).collect();
+            colour_layer(Path::new("a.exr"), &names).map(str::to_owned).map_err(|e| e.to_string())
+        };
+        let of = |layer: &str| ["R", "G", "B", "A"].map(|c| format!("{layer}.{c}"));
+        let combined = of("ViewLayer.Combined");
+        assert_eq!(layer(&combined.each_ref().map(String::as_str)).unwrap(), "ViewLayer.Combined");
+        let both = [&of("V.Combined")[..], &of("V.Diffuse")[..]].concat();
+        let both: Vec<&str> = both.iter().map(String::as_str).collect();
+        assert_eq!(layer(&both).unwrap(), "V.Combined");
+        assert!(layer(&both.iter().map(|n| n.trim_start_matches("V.Combined")).collect::<Vec<_>>()).is_ok());
+        let two = [&of("a")[..], &of("b")[..]].concat();
+        let error = layer(&two.iter().map(String::as_str).collect::<Vec<_>>()).unwrap_err();
+        assert!(error.contains("the layers a, b"), "{error}");
+        assert_eq!(layer(&["R", "G", "B", "x.R", "x.G", "x.B"]).unwrap(), "");
+        assert_eq!(layer(&["depth.Z"]).unwrap(), "");
+    }
 
     #[test]
     fn channels_named_by_wavelengths_are_bands() {

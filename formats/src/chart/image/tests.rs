@@ -59,9 +59,14 @@ where
 }
 
 fn exr(channels: &[(&str, bool)]) -> Vec<u8> {
+    exr_of_alpha(channels, 1.0)
+}
+
+fn exr_of_alpha(channels: &[(&str, bool)], alpha: f32) -> Vec<u8> {
     use ::exr::prelude::*;
     let list = channels.iter().map(|(name, half)| {
-        let values = (0..SIZE.pixels()).map(|i| i as f32 * 0.37 - 1.0);
+        let is_alpha = name.rsplit('.').next() == Some("A");
+        let values = (0..SIZE.pixels()).map(move |i| if is_alpha { alpha } else { i as f32 * 0.37 - 1.0 });
         let data = match half {
             true => FlatSamples::F16(values.map(half::f16::from_f32).collect()),
             false => FlatSamples::F32(values.collect()),
@@ -303,7 +308,6 @@ fn unsupported_properties_and_invalid_headers_are_errors() {
     dir.assert_rejected(&float, "8 or 16 bits");
     let four = tiff::<colortype::CMYK8>(false, Compression::Uncompressed, 3, &uniform(4));
     dir.assert_rejected(&four, "grey or RGB");
-    dir.assert_rejected(&exr(&[("R", false), ("G", false), ("B", false), ("A", false)]), "flatten the image");
     dir.assert_rejected(&exr(&[("R", false), ("G", false)]), "R, G and B");
     dir.assert_rejected(&exr(&[("S0.400nm", false), ("T.400nm", false)]), "both of them");
     dir.assert_rejected(&exr(&[("S0.4cm", false), ("S0.400nm", false)]), "a wavelength such as");
@@ -398,6 +402,22 @@ fn primaries_and_orientation_are_noted() {
     image.write_data(&[7; 4]).unwrap();
     let found = notes("turned.tif", &bytes.into_inner());
     assert!(found.len() == 1 && found[0].contains("TIFF orientation (6)"), "{found:?}");
+}
+
+#[test]
+fn openexr_of_a_renderer_is_decoded_where_it_is_opaque() {
+    let directory = Directory::new();
+    let plain = directory.linear(&exr(&[("B", false), ("G", false), ("R", true)])).unwrap();
+    let layer = ["A", "B", "G", "R"].map(|c| format!("ViewLayer.Combined.{c}"));
+    let names: Vec<(&str, bool)> = layer.iter().map(|n| (n.as_str(), n.ends_with('R'))).collect();
+    let bytes = exr(&names);
+    assert_eq!(directory.linear(&bytes).unwrap(), plain);
+    let notes = directory.open(&bytes).unwrap().notes().join(" ");
+    assert!(notes.contains("layer ViewLayer.Combined") && notes.contains("must be opaque"), "{notes}");
+    let channels = [("A", false), ("B", false), ("G", false), ("R", false)];
+    assert!(directory.linear(&exr(&channels)).is_ok());
+    let error = directory.linear(&exr_of_alpha(&channels, 0.5)).unwrap_err().to_string();
+    assert!(error.contains("transparent pixel at row 0, column 0"), "{error}");
 }
 
 #[test]

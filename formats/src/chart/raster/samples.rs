@@ -10,6 +10,12 @@ pub(super) fn convert(layout: &RasterLayout, bytes: &[u8], step: usize, out: &mu
         RasterSample::I16 => convert_each(bytes, step, out, |b| {
             f32::from(if little { i16::from_le_bytes(b) } else { i16::from_be_bytes(b) })
         }),
+        RasterSample::I32 => convert_each(bytes, step, out, |b| {
+            (if little { i32::from_le_bytes(b) } else { i32::from_be_bytes(b) }) as f32
+        }),
+        RasterSample::U32 => convert_each(bytes, step, out, |b| {
+            (if little { u32::from_le_bytes(b) } else { u32::from_be_bytes(b) }) as f32
+        }),
         RasterSample::Plain(Sample::U8) => convert_each(bytes, step, out, |[b]| f32::from(b)),
         RasterSample::Plain(Sample::U16) => convert_each(bytes, step, out, |b| {
             f32::from(if little { u16::from_le_bytes(b) } else { u16::from_be_bytes(b) })
@@ -56,6 +62,8 @@ pub(super) fn read(layout: &RasterLayout, bytes: &[u8]) -> f64 {
     }
     match layout.sample {
         RasterSample::I16 => f64::from(read!(i16)),
+        RasterSample::I32 => f64::from(read!(i32)),
+        RasterSample::U32 => f64::from(read!(u32)),
         RasterSample::Plain(Sample::U8) => f64::from(bytes[0]),
         RasterSample::Plain(Sample::U16) => f64::from(read!(u16)),
         RasterSample::Plain(Sample::F16) => read!(half::f16).to_f64(),

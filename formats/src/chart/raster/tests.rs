@@ -21,6 +21,8 @@ fn encoded(layout: &RasterLayout) -> Vec<u8> {
         let v = value(b, y, x);
         let bytes = match layout.sample {
             RasterSample::I16 => (v as i16).to_le_bytes().to_vec(),
+            RasterSample::I32 => (v as i32).to_le_bytes().to_vec(),
+            RasterSample::U32 => (v as u32).to_le_bytes().to_vec(),
             RasterSample::Plain(Sample::U8) => vec![v as u8],
             RasterSample::Plain(Sample::U16) => (v as u16).to_le_bytes().to_vec(),
             RasterSample::Plain(Sample::F16) => half::f16::from_f32(v).to_le_bytes().to_vec(),
@@ -69,7 +71,7 @@ fn assert_pixels(chart: &RasterChart, what: &str) {
 fn every_sample_type_order_and_byte_order_gives_the_same_pixels() {
     let directory = tempfile::tempdir().unwrap();
     let samples = [Sample::U8, Sample::U16, Sample::F16, Sample::F32, Sample::F64].map(RasterSample::Plain);
-    for sample in samples.into_iter().chain([RasterSample::I16]) {
+    for sample in samples.into_iter().chain([RasterSample::I16, RasterSample::I32, RasterSample::U32]) {
         use Interleave::{BandColumnRow, Bil, Bip, Bsq, ColumnBandRow, ColumnRowBand};
         for interleave in [Bsq, Bil, Bip, BandColumnRow, ColumnBandRow, ColumnRowBand] {
             for little_endian in [true, false] {

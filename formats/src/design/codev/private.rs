@@ -66,7 +66,7 @@ impl PrivateCatalogue {
         };
         let dispersion =
             dispersion.map_err(|problem| command.error(format!("private glass {name}: {problem}")))?;
-        self.glasses.add(Glass { name, dispersion, range_um });
+        self.glasses.add(Glass::new(name, dispersion, range_um));
         Ok(())
     }
 }

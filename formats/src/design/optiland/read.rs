@@ -2,7 +2,7 @@
 
 use super::{OWN, film_height_scale, json};
 use crate::design::agf;
-use crate::design::draft::{Draft, DraftSurface};
+use crate::design::draft::{Draft, DraftSurface, radial_field};
 use crate::design::error::LensFileError;
 use crate::design::options::ReadOptions;
 use crate::design::text::decode;
@@ -10,7 +10,6 @@ use pipeline::design::glass::Glass;
 use pipeline::design::glass_library::GlassLibrary;
 use pipeline::design::model_glass::{constant_glass, model_glass};
 use pipeline::design::system::{Aperture, FieldKind, RayAiming, System};
-use pipeline::real;
 use serde_json::Value;
 
 fn incomplete(problem: impl Into<String>) -> LensFileError {
@@ -247,7 +246,11 @@ fn fields(file: &Value, draft: &mut Draft) -> Result<(), LensFileError> {
         other => return Err(incomplete(format!("has fields of type `{other}`, which is not supported"))),
     });
     for field in fields {
-        draft.fields.push(real::hypot(number(field, "/x", 0.0)?, number(field, "/y", 0.0)?));
+        draft.fields.push(radial_field(
+            draft.field_kind,
+            number(field, "/x", 0.0)?,
+            number(field, "/y", 0.0)?,
+        ));
         draft.has_vignetting_factors |=
             number(field, "/vx", 0.0)? != 0.0 || number(field, "/vy", 0.0)? != 0.0;
     }

@@ -65,7 +65,7 @@ impl Line {
                     um.iter().fold((f64::INFINITY, 0.0), |(a, b): (f64, f64), v| (a.min(*v), b.max(*v)));
                 let points: Vec<(f64, f64)> = um.iter().copied().zip(indices.iter().copied()).collect();
                 let dispersion = Dispersion::table(&points).map_err(error)?;
-                Ok((Some(Glass { name: self.name.clone(), dispersion, range_um: range }), None))
+                Ok((Some(Glass::new(self.name.clone(), dispersion, range)), None))
             }
             _ => Err(error(format!(
                 "expected a glass name, one index, n_d and V_d, or an index of 1 to 10 for each of {} wavelengths",

@@ -10,7 +10,10 @@ const HEADER: &[(&str, &[&str])] = &[
         ],
     ),
     ("weights of fields and wavelengths in the merit function", &["FWGT", "FWGN", "WWGT", "WWGN", "FSVY"]),
-    ("transmission and polarisation, which are not modelled", &["POLS", "COFN", "GLRS", "GSTD"]),
+    (
+        "coating file (`--coatings design`), polarisation of the source, gradients",
+        &["POLS", "COFN", "GLRS", "GSTD"],
+    ),
     (
         "solves, optimisation and tolerancing: the saved values hold",
         &["PUPD", "EFFL", "PUSH", "ROPD", "TOLS"],
@@ -28,7 +31,6 @@ const SURFACE: &[(&str, &[&str])] = &[
         ],
     ),
     ("mechanical outline and chip zone", &["MEMA", "OEMA", "MAZH", "CHZH", "VDSZ", "TOLE"]),
-    ("coatings: transmission is not modelled", &["COAT"]),
     ("thermal expansion: the design is traced at its own temperature", &["TCED"]),
     ("solves and pickups: the saved values hold", &["PZUP", "PKUP", "PPAR"]),
 ];

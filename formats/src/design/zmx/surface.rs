@@ -99,6 +99,9 @@ impl Reader {
                 draft.glass = Some(glass);
                 return Ok(note);
             }
+            "COAT" => {
+                draft.coating_name = line.words.get(1).map(|name| name.trim_matches('"').to_owned());
+            }
             "DIAM" => {
                 draft.semi_diameter_mm = line.value(1)? * scale;
                 draft.is_fixed = line.value_or(2, 0.0)? == 1.0;

@@ -97,6 +97,9 @@ fn surface_lines(
             }
         };
     }
+    if let Some(name) = &surface.coating_name {
+        text += &format!("  COAT {name} 0.0 0.0\n");
+    }
     text += &format!("  DIAM {} 0 0 0 1 \"\"\n", number(radius_mm));
     let inner = number(surface.obscuration_mm.unwrap_or(0.0));
     if let Some(aperture) = surface.aperture_mm {

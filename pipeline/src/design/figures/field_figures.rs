@@ -7,6 +7,7 @@ use crate::design::prescription::error::DesignError;
 use crate::design::prescription::system::System;
 use crate::design::pupil::bundle::Bundle;
 use crate::design::pupil::illumination::FieldLight;
+use crate::design::pupil::rim::Rim;
 use crate::design::rays::ray::Tracer;
 
 /// Maximum window, film pixels.
@@ -35,6 +36,8 @@ pub struct RayFigures {
     pub lateral_colour_um: f64,
     /// Spot diagram.
     pub spot: Spot,
+    /// Working F-numbers along and across the meridian.
+    pub f_numbers: [f64; 2],
     /// Estimated side of the window that holds the share `energy` of the light, film pixels; none above 20,001.
     pub window_px: Option<usize>,
     /// Estimated share of the light inside the largest window of the wavelength.
@@ -63,6 +66,7 @@ pub fn field_figures(
         let tracer = &tracers[b];
         let tan = tracer.field_of_height(height_mm)?;
         let bundle = Bundle::trace(tracer, tan, RAYS.0, RAYS.1)?;
+        let rim = Rim::trace(tracer, tan)?;
         let (_, slope) = tracer.chief_height_and_slope(tan)?;
         let ideal_height_mm = tan * tracer.ideal_scale_mm();
         let ratio = if tan == 0.0 { slope / tracer.ideal_scale_mm() } else { height_mm / ideal_height_mm };
@@ -75,7 +79,8 @@ pub fn field_figures(
             axis: axes[b],
             distortion: ratio - 1.0,
             lateral_colour_um: 1e3 * (height_mm - primary.chief_height_mm(tan)?),
-            spot: spot_of(&bundle),
+            spot: spot_of(&bundle, &rim),
+            f_numbers: rim.f_numbers(),
             window_px: bundle.window_px(energy, film_pitch_um, MAX_WINDOW_PX),
             light_inside: 0.0,
         };

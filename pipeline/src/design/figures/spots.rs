@@ -4,22 +4,19 @@
 //! RMS² = Σ w |ρ − ρ̄|² / Σ w      GEO = max |ρ − reference|      w = flux through the pupil, ρ in the image plane [mm]
 //! Strehl = |Σ a e^{ikΦ}|² / (Σ a)²      at the chief ray (no tilt removed), Φ the optical path less its value on the chief ray
 //! ```
-//! Pupil: polar Gauss-Legendre, with the vignetting of the PSF; [`polychromatic_spot`] uses the hexapolar rays of design programs instead.
+//! Pupil: polar Gauss-Legendre, with the vignetting of the PSF, and the rays along its rim for GEO; [`super::pattern_spot`] has the hexapolar rays of
+//! design programs instead.
 //! Source: Welford, chapters 6 and 13; Born & Wolf 9.1.
-
-use rayon::prelude::*;
 
 use crate::design::prescription::error::DesignError;
 use crate::design::prescription::system::System;
 use crate::design::pupil::bundle::Bundle;
+use crate::design::pupil::rim::Rim;
 use crate::design::rays::ray::{ImageRay, Tracer};
 use crate::real;
 
 /// Rings and spokes of rays over half the pupil.
 const RAYS: (usize, usize) = (24, 32);
-
-/// Rays that may be aimed for each point of a hexapolar pattern; real lenses need 3 to 8 where light passes.
-const RAYS_PER_POINT: u32 = 60;
 
 /// Spot size of one field point at one wavelength, µm.
 #[derive(Clone, Copy, Debug, PartialEq)]
@@ -43,11 +40,11 @@ pub struct Spot {
 /// # Errors
 /// A ray that does not reach the image.
 pub fn spot(tracer: &Tracer<'_>, tan: f64) -> Result<Spot, DesignError> {
-    Ok(spot_of(&Bundle::trace(tracer, tan, RAYS.0, RAYS.1)?))
+    Ok(spot_of(&Bundle::trace(tracer, tan, RAYS.0, RAYS.1)?, &Rim::trace(tracer, tan)?))
 }
 
-/// Spot of a bundle.
-pub(super) fn spot_of(bundle: &Bundle) -> Spot {
+/// Spot of a bundle with its rim.
+pub(super) fn spot_of(bundle: &Bundle, rim: &Rim) -> Spot {
     let (rays, chief) = (&bundle.rays, &bundle.chief);
     let total: f64 = rays.iter().map(|(w, r)| w * r.flux).sum();
     let centroid = rays.iter().map(|(w, r)| w * r.flux * (r.x.v - chief.x.v)).sum::<f64>() / total;
@@ -55,7 +52,9 @@ pub(super) fn spot_of(bundle: &Bundle) -> Spot {
         |x0: f64| rays.iter().map(move |(w, r)| (w * r.flux, real::hypot(r.x.v - chief.x.v - x0, r.y.v)));
     let rms = |x0: f64| (about(x0).map(|(w, d)| w * d * d).sum::<f64>() / total).sqrt() * 1e3;
     let seen = || rays.iter().zip(&bundle.is_hidden).filter(|(_, is_hidden)| !**is_hidden).map(|(r, _)| &r.1);
-    let geo = |x0: f64| seen().map(|r| real::hypot(r.x.v - chief.x.v - x0, r.y.v)).fold(0.0, f64::max) * 1e3;
+    let outermost = || seen().chain(&rim.rays);
+    let geo =
+        |x0: f64| outermost().map(|r| real::hypot(r.x.v - chief.x.v - x0, r.y.v)).fold(0.0, f64::max) * 1e3;
     Spot {
         rms_um: rms(centroid),
         rms_chief_um: rms(0.0),
@@ -64,72 +63,6 @@ pub(super) fn spot_of(bundle: &Bundle) -> Spot {
         centroid_um: centroid * 1e3,
         strehl: strehl(bundle.wavelength_um, rays, chief, 0.0),
     }
-}
-
-/// Tracers of all wavelengths of the design that have a weight, with it.
-///
-/// # Errors
-/// As [`Tracer::new`].
-pub fn weighted_tracers(system: &System) -> Result<Vec<(Tracer<'_>, f64)>, DesignError> {
-    let wavelengths = system.wavelengths_um.iter().filter(|w| w.1 > 0.0);
-    wavelengths.map(|(um, weight)| Ok((Tracer::new(system, *um)?, *weight))).collect()
-}
-
-/// RMS and GEO spot radius about the centroid, µm, of `tracers` with their weights, on a hexapolar pattern of
-/// `rings` (6 k equal rays on ring k, one in the middle), as in design programs, for the field point at `tan`.
-///
-/// # Errors
-/// [`DesignError::Search`]; [`DesignError::Ray`] if no ray reaches the film.
-pub fn polychromatic_spot(
-    tracers: &[(Tracer<'_>, f64)],
-    tan: f64,
-    rings: usize,
-) -> Result<(f64, f64), DesignError> {
-    let mut points = hexapolar(tracers, tan, rings)?;
-    // Behind a wide obscuration the coarse pattern may have no ray at all.
-    let is_obscured = tracers.iter().any(|(tracer, _)| tracer.has_obscurations());
-    for finer in [4 * rings, 16 * rings].into_iter().filter(|_| is_obscured) {
-        if points.is_empty() {
-            points = hexapolar(tracers, tan, finer)?;
-        }
-    }
-    if let (true, Some((tracer, _))) = (points.is_empty(), tracers.first()) {
-        return Err(tracer.ray_error(tan, 0.0, 0.0, "and all others are blocked".to_owned()));
-    }
-    let total: f64 = points.iter().map(|p| p.0).sum();
-    let mean = |of: fn(&(f64, f64, f64)) -> f64| points.iter().map(|p| p.0 * of(p)).sum::<f64>() / total;
-    let (x0, y0) = (mean(|p| p.1), mean(|p| p.2));
-    let off = |p: &(f64, f64, f64)| real::hypot(p.1 - x0, p.2 - y0);
-    let square = points.iter().map(|p| p.0 * off(p).powi(2)).sum::<f64>() / total;
-    Ok((1e3 * square.sqrt(), 1e3 * points.iter().map(off).fold(0.0, f64::max)))
-}
-
-/// Weight and intersection with the film of the rays of a hexapolar pattern that reach it.
-fn hexapolar(
-    tracers: &[(Tracer<'_>, f64)],
-    tan: f64,
-    rings: usize,
-) -> Result<Vec<(f64, f64, f64)>, DesignError> {
-    let one = |(tracer, weight): &(Tracer<'_>, f64)| {
-        tracer.within_budget(tan, RAYS_PER_POINT * (3 * rings * (rings + 1) + 1) as u32, |tracer| {
-            let mut points = Vec::new();
-            points.extend(tracer.landing(tan, 0.0, 0.0).map(|(x, y)| (*weight, x, y)));
-            // Rays k, of 6 k on ring k, from the one perpendicular to the meridian; those of the other half of the pupil are their mirror images.
-            for ring in 1..=rings as i32 {
-                let rho = f64::from(ring) / rings as f64;
-                for k in -(3 * ring / 2)..=3 * ring / 2 {
-                    let (s, c) = real::sin_cos(std::f64::consts::PI * f64::from(k) / f64::from(3 * ring));
-                    let Some((x, y)) = tracer.landing(tan, rho * s, rho * c) else { continue };
-                    points.push((*weight, x, y));
-                    if 2 * k.abs() != 3 * ring {
-                        points.push((*weight, x, -y));
-                    }
-                }
-            }
-            Ok(points)
-        })
-    };
-    Ok(tracers.par_iter().map(one).collect::<Result<Vec<_>, _>>()?.concat())
 }
 
 /// Strehl ratio at the chief ray, the film moved back by `shift` mm.

@@ -13,7 +13,7 @@ pub enum DesignError {
         problem: String,
     },
     /// A glass that is in no catalogue.
-    #[error("no glass `{name}` in the catalogues{}; give its catalogue (.agf)", nearest_words(.nearest))]
+    #[error("no glass `{name}` in the catalogues{}; give its catalogue (`--glass-catalog FILE.agf`)", nearest_words(.nearest))]
     UnknownGlass {
         /// The name in the design.
         name: String,
@@ -22,8 +22,8 @@ pub enum DesignError {
     },
     /// A wavelength outside the range of a glass's formula.
     #[error(
-        "{um} µm lies outside {first_um}..{last_um} µm, the range of glass {glass}; choose other wavelengths or give a catalogue (.agf) with its \
-         data there",
+        "{um} µm lies outside {first_um}..{last_um} µm, the range of glass {glass}; choose other wavelengths or give a catalogue with its \
+         data there (`--glass-catalog FILE.agf`)",
         um = tidy(.wavelength_um)
     )]
     Wavelength {
@@ -35,6 +35,19 @@ pub enum DesignError {
         first_um: f64,
         /// End of the range, µm.
         last_um: f64,
+    },
+    /// A wavelength outside the tables of a coating.
+    #[error(
+        "{um} µm lies outside {}, the wavelengths of {name} in the coatings; choose other wavelengths or give its data there",
+        range_um.map_or("no entries at all".to_owned(), |(a, b)| format!("{a}..{b} µm")), um = tidy(.wavelength_um)
+    )]
+    Coating {
+        /// The coating or material.
+        name: String,
+        /// Requested wavelength, µm.
+        wavelength_um: f64,
+        /// Wavelengths of its table, µm; none if it is empty.
+        range_um: Option<(f64, f64)>,
     },
     /// The paraxial system has no finite focal length, pupil or image.
     #[error("the design has no usable {what} at {um} µm: {problem}", um = tidy(.wavelength_um))]
@@ -94,7 +107,7 @@ pub enum DesignError {
     },
     /// The PSFs need a window larger than the maximum.
     #[error(
-        "a window of {max_px} film pixels, the maximum, holds {:.1} % of the light of the PSF at {height_mm:.3} mm and {um} µm, at least {:.1} % requested: the lens is out of focus or the film's pixels are too fine; move the film (`--image-plane rms`), trace for coarser pixels (`--film-pitch-um`) or allow less light (`--energy`)",
+        "a window of {max_px} film pixels, the maximum, holds {:.1} % of the light of the PSF at {height_mm:.3} mm and {um} µm, at least {:.1} % requested: the lens is out of focus or the film's pixels are too fine; move the film (`--image-plane rms`), trace for coarser pixels (`--film-pitch-um`), allow less light (`--energy`) or a wider window (`--max-window-px`)",
         100.0 * .held, 100.0 * .requested, um = tidy(.wavelength_um))]
     Window {
         /// Maximum window, film pixels.

@@ -9,6 +9,7 @@
 //! Beside them 14 n = C1 + Σ C2i·λ^C2i+1 (Cauchy) and 15 n² − 1 = C1 + Σ C2i·λ²/(λ² − C2i+1²) of the built-in table. 16 is a table of
 //! (λ, n): the polynomial of third degree in λ⁻² through the four entries nearest in λ⁻² (fewer, of a lower degree, in a shorter table). Left out: temperature, pressure, absorption, birefringence.
 
+use super::absorption::Absorption;
 use super::error::DesignError;
 use crate::real;
 
@@ -166,9 +167,16 @@ pub struct Glass {
     pub dispersion: Dispersion,
     /// Range of wavelengths of the formula, µm.
     pub range_um: (f64, f64),
+    /// Absorption that its catalogue states.
+    pub absorption: Option<Absorption>,
 }
 
 impl Glass {
+    /// A glass of which the absorption is not known.
+    pub fn new(name: String, dispersion: Dispersion, range_um: (f64, f64)) -> Self {
+        Self { name, dispersion, range_um, absorption: None }
+    }
+
     /// The index at `um`.
     ///
     /// # Errors

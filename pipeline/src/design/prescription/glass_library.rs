@@ -65,7 +65,7 @@ static ROWS: LazyLock<Vec<Row>> = LazyLock::new(|| {
         let range_um = (number(next()), number(next()));
         let dispersion =
             Dispersion::new(formula, &coefficients).expect("the built-in table holds known formulas");
-        Row { maker, aliases, glass: Glass { name: name.to_owned(), dispersion, range_um } }
+        Row { maker, aliases, glass: Glass::new(name.to_owned(), dispersion, range_um) }
     };
     let tables =
         [include_str!("../../../data/glasses.csv"), include_str!("../../../data/glasses-of-makers.csv")];
@@ -193,7 +193,17 @@ fn maker_of(catalogue: &str) -> Option<&'static str> {
 
 /// The maker of a built-in glass; none for another glass.
 pub fn maker_of_glass(glass: &Glass) -> Option<&'static str> {
-    ROWS.iter().find(|row| row.glass == *glass).map(|row| row.maker)
+    maker_and_name(glass).map(|(maker, _)| maker)
+}
+
+/// Maker of a built-in glass and its name there; none for another glass.
+pub(super) fn maker_and_name(glass: &Glass) -> Option<(&'static str, &'static str)> {
+    let is_it = |row: &&Row| {
+        row.glass.name == glass.name
+            && row.glass.range_um == glass.range_um
+            && row.glass.dispersion == glass.dispersion
+    };
+    ROWS.iter().find(is_it).map(|row| (row.maker, row.glass.name.as_str()))
 }
 
 fn builtin(maker: &str, upper: &str) -> Option<&'static Row> {
@@ -345,7 +355,7 @@ mod tests {
     fn users_catalogue_of_the_named_maker_precedes_the_builtin_one() {
         let mut catalogue = GlassCatalog::default();
         let dispersion = Dispersion::constant(1.7);
-        catalogue.add(Glass { name: "N-BK7".into(), dispersion, range_um: (0.3, 1.0) });
+        catalogue.add(Glass::new("N-BK7".into(), dispersion, (0.3, 1.0)));
         let mut library = GlassLibrary::new();
         library.add("special", catalogue);
         let index = |preferred: &[&str]| {

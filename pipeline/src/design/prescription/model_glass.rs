@@ -40,12 +40,12 @@ pub fn model_glass(name: &str, n_d: f64, v_d: f64, delta_p_gf: f64) -> Result<Gl
     let b = (m[0] * partial - main * p[0]) / determinant;
     let dispersion =
         Dispersion::new(5, &[n_d - a * d[0] - b * d[1], a, b]).expect("finite by the bounds above");
-    Ok(Glass { name: name.to_owned(), dispersion, range_um: MODEL_RANGE_UM })
+    Ok(Glass::new(name.to_owned(), dispersion, MODEL_RANGE_UM))
 }
 
 /// A medium of one index.
 pub fn constant_glass(n: f64) -> Glass {
-    Glass { name: format!("n={n}"), dispersion: Dispersion::constant(n), range_um: (0.0, 1e9) }
+    Glass::new(format!("n={n}"), Dispersion::constant(n), (0.0, 1e9))
 }
 
 /// n_d, V_d and ΔP_gF that [`model_glass`] makes `glass` of; none for another dispersion formula.

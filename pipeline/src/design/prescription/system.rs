@@ -7,6 +7,7 @@
 //! z counts along the light: behind an odd number of mirrors it runs against the z of the design file, so that thicknesses are positive
 //! and curvatures have the sign that the light sees. [`System::axis`] gives the places in the z of the first surface.
 
+use super::coating::Coating;
 use super::error::DesignError;
 use super::glass::Glass;
 use super::shape::Shape;
@@ -52,6 +53,10 @@ pub struct Surface {
     pub obscuration_mm: Option<f64>,
     /// Clear radius for drawings, mm (0 = unknown); does not clip rays.
     pub semi_diameter_mm: f64,
+    /// Name of the coating in the design.
+    pub coating_name: Option<String>,
+    /// Coating that light is followed through; `None` = all light passes.
+    pub coating: Option<Coating>,
 }
 
 impl Surface {
@@ -67,6 +72,8 @@ impl Surface {
             aperture_mm: None,
             obscuration_mm: None,
             semi_diameter_mm: 0.0,
+            coating_name: None,
+            coating: None,
         }
     }
 

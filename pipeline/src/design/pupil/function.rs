@@ -240,6 +240,13 @@ impl PupilFunction {
         self.wavelength_um / (2.0 * (b - a).max(2.0 * m))
     }
 
+    /// Share of the total energy on a sample of `pitch_um` at the peak of the PSF that the same amplitudes have in one phase: the denominator
+    /// of the Strehl ratio.
+    pub fn ideal_peak(&self, pitch_um: f64) -> f64 {
+        let amplitude: f64 = self.patches.iter().map(|patch| patch.integral(3, &self.pupil)).sum();
+        self.share(pitch_um) * (2.0 * amplitude) * (2.0 * amplitude)
+    }
+
     /// Share of the total energy per unit of |U|² on a sample of `pitch_um`.
     pub(in crate::design) fn share(&self, pitch_um: f64) -> f64 {
         pitch_um * pitch_um / self.energy
@@ -319,8 +326,13 @@ impl Patch {
 
     /// ∫∫ Φ/N dp dq over the patch.
     fn flux(&self, pupil: &Pupil) -> f64 {
+        self.integral(4, pupil)
+    }
+
+    /// ∫∫ of the amplitude (table 3) or of Φ/N (table 4) dp dq over the patch.
+    fn integral(&self, table: usize, pupil: &Pupil) -> f64 {
         let angles = pupil.angles(&self.segment, 24);
-        let [.., fine] = self.along_theta(&angles);
+        let fine = &self.along_theta(&angles)[table];
         let to_ring = lagrange(self.rings, 0.0, 1.0);
         let ring = |rho: f64| -> f64 {
             let rows = to_ring.weights(rho).into_iter().zip(fine.chunks_exact(angles.len()));

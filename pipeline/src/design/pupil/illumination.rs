@@ -17,7 +17,7 @@
 //! ```
 //! equals G where the bundle is in perfect focus (radiance is conserved along rays); defocus and aberrations separate the two: at the edge
 //! of the field of a Double Gauss 0.915 against 0.920, of a biconvex singlet 0.75 against 1.09. A lone stop gives cos⁴ for both.
-//! Includes vignetting and pupil aberration. Left out: change of transmission with field.
+//! Includes vignetting and pupil aberration, and what each ray loses at coatings and in glass (`rays/losses.rs`).
 //! Other programs: the tables of `double-gauss-28-npz` have Ω. A listing of OpticStudio's predecessor for an f = 2 mm asphere (five
 //! wavelengths, 27.4 degrees; without prescription) is R within 0.001: 0.8035 at the edge, where G computed from the heights listed with it
 //! and a beam of constant size is 0.8028 and cos⁴ 0.622. The lens is in focus there, so the listing does not separate G from Ω; according to
@@ -30,6 +30,7 @@ use rayon::prelude::*;
 
 use super::bundle::Bundle;
 use crate::design::prescription::error::DesignError;
+use crate::design::prescription::system::System;
 use crate::design::rays::aim::lagrange;
 use crate::design::rays::ray::{ImageRay, Tracer};
 
@@ -87,6 +88,18 @@ pub(super) fn light_of<'r>(
 /// As [`field_light`].
 pub fn irradiance_sr(tracer: &Tracer<'_>, tan: f64) -> Result<f64, DesignError> {
     Ok(field_light(tracer, tan)?.irradiance_sr)
+}
+
+/// Transmission of `system` on the axis at `um`: flux-weighted mean over the open pupil; 1 without coatings.
+///
+/// # Errors
+/// As [`Tracer::new`] and [`field_light`].
+pub fn axial_transmission(system: &System, um: f64) -> Result<f64, DesignError> {
+    let tracer = Tracer::new(system, um)?;
+    match tracer.has_losses() {
+        true => Ok(irradiance_sr(&tracer, 0.0)? / irradiance_sr(&tracer.without_losses(), 0.0)?),
+        false => Ok(1.0),
+    }
 }
 
 /// Projected solid angle of the pupil from the image of the field point at tan(field angle) `tan`, sr.
@@ -165,7 +178,6 @@ fn cubic(table: &[Option<f64>], i: usize) -> f64 {
 mod tests {
     use super::*;
     use crate::design::prescription::system::RayAiming;
-    use crate::design::prescription::system::System;
 
     #[test]
     fn interpolated_table_equals_values_computed_at_every_point() {

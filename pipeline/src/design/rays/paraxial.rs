@@ -24,6 +24,8 @@ pub struct Paraxial {
     pub effective_focal_length_mm: f64,
     /// From the last surface before the image plane to the paraxial focus for an object at infinity.
     pub back_focal_length_mm: f64,
+    /// From the first vertex to the point that is imaged to infinity, along the light: negative before it.
+    pub front_focus_mm: f64,
     /// Derivative of the chief ray's height in the actual image plane by its slope at the entrance pupil.
     pub distortion_focal_length_mm: f64,
     /// Entrance pupil, from the first vertex; 0 in a telecentric object space, where the light cone in the plane of the first vertex stands for it.
@@ -130,6 +132,7 @@ impl Paraxial {
             image_index: n,
             effective_focal_length_mm: efl,
             back_focal_length_mm: -last[0] / u[0],
+            front_focus_mm: u[1] / u[0],
             distortion_focal_length_mm: f,
             entrance_pupil_mm: pupil,
             entrance_radius_mm: radius,

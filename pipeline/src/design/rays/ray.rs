@@ -8,12 +8,13 @@
 //! Clipping by apertures is measured by the maximum of r²/a² − 1 over all surfaces with an aperture radius a, a central obscuration by the
 //! minimum over all surfaces with an obscuration of radius a. Rays within an obscuration are traced as if it were not there.
 //! Flux through dp dq: d(x, y) in the pupil plane for an object at infinity, d(L, M) at the object (Lambertian) for a finite one.
-//! Left out: ghosts, absorption, coatings, polarisation, vignetting factors.
+//! Light lost at coatings and in glass: [`losses`](super::losses). Left out: ghosts, vignetting factors.
 
 use std::sync::OnceLock;
 
 use super::aim::ChiefRays;
 use super::ideal_lens::{IdealLens, ideal_lenses};
+use super::losses::Losses;
 use super::paraxial::Paraxial;
 use super::ray_budget::RayBudget;
 use super::scalar::{Dual, Scalar};
@@ -27,6 +28,7 @@ pub struct Tracer<'a> {
     system: &'a System,
     indices: Vec<f64>,
     ideal: Vec<Option<IdealLens>>,
+    losses: Option<Losses>,
     sign: f64,
     stop_radius_mm: f64,
     stop_sign: f64,
@@ -63,7 +65,7 @@ impl Clip {
         Self { over: (f64::NEG_INFINITY, 0), hidden: (f64::INFINITY, 0) };
 
     /// Whether the ray reaches the image: no aperture and no obscuration blocks it.
-    fn passes(&self) -> bool {
+    pub(in crate::design) fn passes(&self) -> bool {
         self.over.0 <= 0.0 && self.hidden.0 > 0.0
     }
 
@@ -88,11 +90,16 @@ pub struct ImageRay {
     pub n: f64,
     /// Optical path from the object's wavefront, mm.
     pub path: Dual,
-    /// Flux per dp dq, relative to the field point's other rays.
+    /// Flux per dp dq, relative to the field point's other rays, less what is lost on the way.
     pub flux: f64,
 }
 
 impl ImageRay {
+    /// Index of the medium in front of the film.
+    pub fn index(&self) -> f64 {
+        (self.l.v * self.l.v + self.m.v * self.m.v + self.n * self.n).sqrt()
+    }
+
     /// |d(L, M)/d(p, q)|.
     pub fn solid_angle(&self) -> f64 {
         (self.l.d[0] * self.m.d[1] - self.l.d[1] * self.m.d[0]).abs()
@@ -110,6 +117,7 @@ impl<'a> Tracer<'a> {
             system,
             indices: indices(system, system.primary_um())?,
             ideal: Vec::new(),
+            losses: Losses::new(system, um)?,
             sign: primary.distortion_focal_length_mm.signum(),
             stop_radius_mm: primary.stop_radius_mm,
             stop_sign: 1.0,
@@ -145,6 +153,23 @@ impl<'a> Tracer<'a> {
     /// Ideal height over tan(field angle): the distortion focal length, positive.
     pub fn ideal_scale_mm(&self) -> f64 {
         self.primary.distortion_focal_length_mm.abs()
+    }
+
+    /// The same system with all of the light: no coatings, no absorption.
+    pub fn without_losses(&self) -> Self {
+        Self { losses: None, ..self.clone() }
+    }
+
+    /// Whether light is lost on the way.
+    pub fn has_losses(&self) -> bool {
+        self.losses.is_some()
+    }
+
+    /// Share of the light of the ray from `start` that is left at the image; 1 without coatings.
+    fn share_left(&self, start: &Ray<Dual>) -> Result<f64, Lost> {
+        let Some(losses) = &self.losses else { return Ok(1.0) };
+        let start = Ray { p: start.p.map(|v| v.v), d: start.d.map(|v| v.v), path: start.path.v };
+        losses.share(self.system, &self.indices, start, |i, ray| self.bend(i, ray))
     }
 
     /// Whether any surface has a central obscuration.
@@ -276,6 +301,7 @@ impl<'a> Tracer<'a> {
             None => [x, y],
             Some(_) => [start.d[0], start.d[1]],
         };
+        let share = self.share_left(&start).map_err(|lost| self.lost(tan, p, q, lost))?;
         let r = self.run(start, self.system.image(), clip).map_err(|lost| self.lost(tan, p, q, lost))?;
         let index = Dual::of(self.indices[self.system.image()]);
         Ok(ImageRay {
@@ -285,7 +311,7 @@ impl<'a> Tracer<'a> {
             m: index * r.d[1],
             n: (index * r.d[2]).v,
             path: r.path,
-            flux: (flux[0].d[0] * flux[1].d[1] - flux[0].d[1] * flux[1].d[0]).abs(),
+            flux: (flux[0].d[0] * flux[1].d[1] - flux[0].d[1] * flux[1].d[0]).abs() * share,
         })
     }
 
@@ -296,21 +322,35 @@ impl<'a> Tracer<'a> {
     /// [`DesignError::Ray`] if it does not reach the image.
     pub fn path(&self, tan: f64, p: f64, before_mm: f64) -> Result<Vec<(f64, f64)>, DesignError> {
         let [x, _] = self.aim(tan, p, 0.0)?;
-        let mut ray = self.launch(tan, x.v, 0.0);
+        let ray = self.launch(tan, x.v, 0.0);
         let slope = ray.d[0] / ray.d[2];
-        let mut path = vec![(-before_mm, ray.p[0] - slope * (ray.p[2] + before_mm))];
+        let first = (-before_mm, ray.p[0] - slope * (ray.p[2] + before_mm));
+        let points = self.meridional_ray(tan, p)?;
+        Ok(std::iter::once(first).chain(points.iter().map(|[z, x, _]| (*z, *x))).collect())
+    }
+
+    /// The meridional ray through pupil height `p` at each surface: z from the first vertex, x, both in mm, and the sine of its angle to the axis
+    /// before the surface.
+    ///
+    /// # Errors
+    /// [`DesignError::Ray`] if it does not reach the image.
+    pub fn meridional_ray(&self, tan: f64, p: f64) -> Result<Vec<[f64; 3]>, DesignError> {
+        let [x, _] = self.aim(tan, p, 0.0)?;
+        let mut ray = self.launch(tan, x.v, 0.0);
         let axis = self.system.axis();
+        let mut points = Vec::with_capacity(axis.len());
         for (i, s) in self.system.surfaces.iter().enumerate() {
             let (vertex, direction) = axis[i];
             let lost = |why| self.lost(tan, p, 0.0, Lost { surface: i, why });
+            let sine = ray.d[0];
             s.shape.meet(&mut ray, self.indices[i]).map_err(lost)?;
-            path.push((vertex + direction * ray.p[2], ray.p[0]));
+            points.push([vertex + direction * ray.p[2], ray.p[0], sine]);
             if i < self.system.image() {
                 self.bend(i, &mut ray).map_err(lost)?;
                 ray.p[2] -= s.thickness_mm;
             }
         }
-        Ok(path)
+        Ok(points)
     }
 
     /// Maximum overshoot of an aperture by the ray through (p, q), and its surface: (r²/a² − 1, surface). A ray that does not reach the

@@ -53,6 +53,11 @@ pub struct TraceOptions {
 }
 
 impl TraceOptions {
+    /// Default of `max_window_px`.
+    pub const MAX_WINDOW_PX: usize = 401;
+    /// Largest `max_window_px`.
+    pub const WIDEST_PX: usize = 2001;
+
     /// The defaults for wavelengths and maximum height.
     pub fn new(wavelengths_nm: Vec<f64>, max_height_mm: f64) -> Self {
         Self {
@@ -61,7 +66,7 @@ impl TraceOptions {
             field_points: 1001,
             film_pitch_um: 2.0,
             energy: 0.99,
-            max_window_px: 401,
+            max_window_px: Self::MAX_WINDOW_PX,
             window_px: None,
             psf_pitch_um: None,
             psf_tolerance: 0.01,
@@ -98,7 +103,7 @@ impl TraceOptions {
             return bad("field points", self.field_points.to_string(), "at least 2");
         }
         for px in [self.max_window_px, self.window_px.unwrap_or(3)] {
-            if px.is_multiple_of(2) || !(3..=2001).contains(&px) {
+            if px.is_multiple_of(2) || !(3..=Self::WIDEST_PX).contains(&px) {
                 return bad("window", px.to_string(), "an odd number of film pixels, 3..2001");
             }
         }

@@ -5,7 +5,7 @@
 //! `energy` of the energy of every sampled field point; then the PSFs, at heights and azimuth counts that `grid`
 //! chooses by the error of kernels in a smaller window (`window`). Heights are REAL image heights in mm. Samples of one band at a time are in memory.
 //! The same bits for any number of threads: each PSF is summed by one thread in a fixed order.
-//! Left out: transmission (1), and energy outside the window, whose share is recorded.
+//! Transmission: light of the axis over that without losses; RI and PSFs have the losses of each ray. Left out: energy outside the window, whose share is recorded.
 
 use rayon::prelude::*;
 
@@ -20,7 +20,7 @@ use crate::design::prescription::error::DesignError;
 use crate::design::prescription::system::System;
 use crate::design::psf::pupil_stack::{PupilStack, normalise};
 use crate::design::psf::{PsfGrid, PsfScratch, PupilFunction};
-use crate::design::pupil::illumination::irradiance_table;
+use crate::design::pupil::illumination::{irradiance_sr, irradiance_table};
 use crate::design::pupil::pupils::Pupils;
 use crate::design::rays::paraxial::Paraxial;
 use crate::design::rays::ray::Tracer;
@@ -162,6 +162,7 @@ impl<'a> LensTrace<'a> {
         };
         report_step("chief rays", 0);
         let [ideal, real, light] = self.dense(&tracer)?;
+        let transmission = transmission(&tracer, light[0])?;
         let mut sampled = self.sampled(&tracer, &mut report_step)?;
         let chosen = choose(&mut sampled, &mut report_step)?;
         let Sampled { mut pupils, grid, window_px, .. } = sampled;
@@ -188,8 +189,8 @@ impl<'a> LensTrace<'a> {
             psf_size: grid.size(),
             psf_pitch_um: grid.pitch_um(),
             psf_energy: stack.1,
-            solid_angle_sr: light[0],
-            transmission: 1.0,
+            solid_angle_sr: light[0] / transmission,
+            transmission,
         };
         Ok(TracedBand { tables, psf: stack.0, pupils, report })
     }
@@ -344,6 +345,17 @@ pub fn trace_lens<E: std::fmt::Display>(
         sink(i, band).map_err(|e| DesignError::Sink { wavelength_nm: *nm, problem: e.to_string() })?;
     }
     Ok(lens)
+}
+
+/// Transmission on the axis, whose light G with its losses is `light`: flux-weighted mean over the pupil; 1 without coatings.
+///
+/// # Errors
+/// A ray of the pupil that does not reach the image.
+pub(super) fn transmission(tracer: &Tracer<'_>, light: f64) -> Result<f64, DesignError> {
+    match tracer.has_losses() {
+        true => Ok(light / irradiance_sr(&tracer.without_losses(), 0.0)?),
+        false => Ok(1.0),
+    }
 }
 
 /// The PSFs at `heights`, each of sum 1, and their shares of energy in the window.

@@ -5,14 +5,15 @@ use crate::args::TraceArgs;
 use crate::failure::usage;
 use crate::job::lens::attributes::attributes;
 use crate::job::lens::depth_nodes::needed;
+use crate::job::lens::energy::{MissedEnergy, percent};
 use crate::progress::short_number;
-use crate::progress::{detail_line, log_line, plural, tracing_bar};
+use crate::progress::{TracingBar, detail_line, log_line, number, plural};
 use anyhow::{Context, Result};
 use pipeline::design::System;
-use pipeline::design::depth::estimate::{estimate, expected_nodes, range_that_fits};
-use pipeline::design::depth::trace::{DepthOptions, band, header, nodes};
-use pipeline::design::trace::{Progress, TraceOptions, lens_header};
-use pipeline::psf::blocks::Blocks;
+use pipeline::design::depth::estimate::{estimate, range_that_fits};
+use pipeline::design::depth::trace::{DepthOptions, band, estimated_nodes, header, nodes};
+use pipeline::design::trace::{BandReport, Progress, TraceOptions, lens_header};
+use pipeline::lens::depth::{BandDepth, DepthNode};
 use std::time::Instant;
 
 /// Traces all bands at their depth nodes into the pack of `args`.
@@ -26,7 +27,6 @@ pub fn trace(
     depth: &DepthOptions,
     start: Instant,
 ) -> Result<()> {
-    let options = &TraceOptions { max_window_px: Blocks::widest_window(), ..options.clone() };
     let tracing = || format!("tracing {}", args.design);
     let mut lens = lens_header(system).with_context(tracing)?;
     let mut head = header(system, depth).with_context(tracing)?;
@@ -39,15 +39,15 @@ pub fn trace(
     ));
     announce(args, system, options, depth).with_context(tracing)?;
     let mut pack = create_pack(&args.out)?;
-    let bar = tracing_bar(options.wavelengths_nm.len());
+    let bar = TracingBar::new(options.wavelengths_nm.len());
     let mut reports = Vec::new();
-    for (index, nm) in options.wavelengths_nm.iter().enumerate() {
+    for (index, nm) in options.wavelengths_nm.iter().copied().map(number).enumerate() {
         let mut progress = |p: Progress| {
-            bar.set_position(p.band as u64);
-            bar.set_message(format!("{nm} nm: {}", p.step));
+            bar.set_bands(p.band);
+            bar.step(format!("{nm} nm: {}", p.step));
         };
         let sink = |node: usize, stack: &_| pack.psf_of_node(index, node, stack);
-        bar.set_message(format!("{nm} nm: placing depth nodes"));
+        bar.step(format!("{nm} nm: placing depth nodes"));
         let placement = nodes(system, options, index, depth).with_context(tracing)?;
         let placed = (depth, placement);
         let traced = band(system, options, index, placed, &mut progress, sink).with_context(tracing)?;
@@ -67,7 +67,28 @@ pub fn trace(
         lens.bands.push(traced.tables);
         head.bands.push(traced.nodes);
     }
-    bar.finish_and_clear();
+    bar.finish();
+    let of_band = |(band, nodes): (&BandReport, &BandDepth)| {
+        let of_node = |n: &DepthNode| {
+            let least = n.psf_energy.iter().copied().fold(1.0, f64::min);
+            let window_px = n.psf_size as f64 * n.psf_pitch_um / options.film_pitch_um;
+            MissedEnergy::new(options, least, window_px.round() as usize)
+        };
+        nodes
+            .nodes
+            .iter()
+            .filter_map(of_node)
+            .map(|missed| (missed, number(band.wavelength_nm)))
+            .collect::<Vec<_>>()
+    };
+    let missed = std::iter::zip(&reports, &head.bands).flat_map(of_band);
+    if let Some((missed, nm)) = missed.min_by(|a, b| a.0.least.total_cmp(&b.0.least)) {
+        log_line(format!(
+            "windows contain at least {} of the light, at {nm} nm ({})",
+            percent(missed.least),
+            missed.request()
+        ));
+    }
     let nodes: usize = head.bands.iter().map(|b| b.nodes.len()).sum();
     lens.depth = Some(head);
     pack.finish(&lens, &attributes(&args.design, &args.parameters, options, &reports))?;
@@ -96,9 +117,9 @@ fn announce(args: &TraceArgs, system: &System, options: &TraceOptions, depth: &D
             1.0 / fits.1,
         )));
     }
-    let blur_px = header(system, depth)?.blur_per_dioptre_um / options.film_pitch_um;
     let (bands, middle) = (options.wavelengths_nm.len(), options.wavelengths_nm.len() / 2);
-    let all = estimate(system, options, middle, depth, &expected_nodes(depth, blur_px))?.times(bands);
+    let expected = estimated_nodes(system, options, middle, depth)?;
+    let all = estimate(system, options, middle, depth, &expected)?.times(bands);
     let cores = std::thread::available_parallelism().map_or(1, |n| n.get());
     let (seconds, text) = needed(&all, cores);
     let gb = all.bytes as f64 * 1e-9;

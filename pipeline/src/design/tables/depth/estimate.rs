@@ -2,11 +2,9 @@
 //!
 //! ```text
 //! ρ = blur per dioptre · |V − V_f| in film px
-//! nodes   √(0.02/tolerance) · (2 per px of ρ up to 10 px, then 1 per px), on either side of focus
 //! window  that in focus + 2ρ px
 //! ```
-//! Measured for an L1 error of 2 %: f/1.8 with 1 µm px 11, 18, 29, 47 nodes a side up to 5, 10, 20, 40 px; Double Gauss with 2 µm px 10, 19, 34, 67, and
-//! 142 up to 145 px.
+//! The number of nodes is that of [`super::trace::estimated_nodes`].
 
 use crate::design::prescription::error::DesignError;
 use crate::design::prescription::system::System;
@@ -15,13 +13,14 @@ use crate::design::tables::trace::{LensTrace, TraceOptions};
 
 use super::trace::{DepthOptions, header};
 
-/// Blur radius up to which nodes are dense, px, and nodes per px of blur radius up to there and beyond.
-const DENSE: (f64, f64, f64) = (10.0, 2.0, 1.0);
-/// The L1 tolerance that they are for.
-const TOLERANCE: f64 = 0.02;
 /// Heights of a node without a limit: 10 to 25 for a Double Gauss.
 const HEIGHTS: usize = 16;
-/// Work of choosing window, heights and azimuths, and of placing the node, in PSFs.
+/// PSFs of placing the nodes, for each of them but at most for so many: eight rounds, of which each computes two or three PSFs at two heights.
+const PLACING_PSFS: usize = 40;
+const PLACING_CELLS: usize = 96;
+/// Samples of a PSF over those of one that serves placing.
+const COARSER: f64 = 2.25;
+/// Work of choosing window, heights and azimuths, in PSFs.
 const OTHER_PSFS: usize = 24;
 /// Half a window beyond the blur radius with its rim: at most and at least, px, and µm.
 const RIM_PX: (f64, f64) = (12.0, 2.0);
@@ -40,6 +39,8 @@ pub struct DepthEstimate {
     pub window_px: (usize, usize),
     /// PSFs that are stored, bytes, not compressed.
     pub bytes: u64,
+    /// PSFs that are computed: of the nodes, of the choice of their heights and azimuths, and of placing them.
+    pub computed: usize,
     /// Samples that are computed.
     pub samples: f64,
 }
@@ -48,38 +49,16 @@ impl DepthEstimate {
     /// That of several bands with these nodes each.
     #[must_use]
     pub fn times(self, bands: usize) -> Self {
-        let Self { nodes, psfs, window_px, bytes, samples } = self;
+        let Self { nodes, psfs, window_px, bytes, computed, samples } = self;
         Self {
             nodes: nodes * bands,
             psfs: psfs * bands,
             window_px,
             bytes: bytes * bands as u64,
+            computed: computed * bands,
             samples: samples * bands as f64,
         }
     }
-}
-
-/// Vergences of about as many nodes as `options` need, 1/m ascending, for a blur radius of `blur_px` film pixels per dioptre.
-pub fn expected_nodes(options: &DepthOptions, blur_px: f64) -> Vec<f64> {
-    let (first, last) = options.range;
-    let scale = (TOLERANCE / options.tolerance).sqrt();
-    let (dense_px, near, far) = DENSE;
-    // Number of nodes from focus to V, and its inverse.
-    let count = |v: f64| {
-        let rho = blur_px * (v - options.focus).abs();
-        scale * (near * rho.min(dense_px) + far * (rho - dense_px).max(0.0)) * (v - options.focus).signum()
-    };
-    let vergence = |n: f64| {
-        let n_px = n.abs() / scale;
-        let rho = (n_px / near).min(dense_px) + (n_px - near * dense_px).max(0.0) / far;
-        options.focus + rho / blur_px * n.signum()
-    };
-    let (from, to) = (count(first), count(last));
-    let cells = (to - from).ceil().max(1.0) as usize;
-    if last - first < 1e-9 {
-        return vec![first];
-    }
-    (0..=cells).map(|i| vergence(from + (to - from) * i as f64 / cells as f64).clamp(first, last)).collect()
 }
 
 /// What the nodes at `vergence` (1/m) of band `index` need, of a lens with its film in focus at `options.focus`.
@@ -98,6 +77,7 @@ pub fn estimate(
     let blur_px = header(system, options)?.blur_per_dioptre_um / trace.film_pitch_um;
     let samples_per_px = in_focus.side as f64 / in_focus.window_px as f64;
     let mut total = DepthEstimate { window_px: (usize::MAX, 0), ..DepthEstimate::default() };
+    let mut of_a_psf = 0.0;
     for v in vergence {
         let rho = blur_px * (v - options.focus).abs();
         let px = (in_focus.window_px + (2.0 * rho) as usize).min(trace.max_window_px);
@@ -107,8 +87,13 @@ pub fn estimate(
         total.psfs += heights;
         total.window_px = (total.window_px.0.min(px), total.window_px.1.max(px));
         total.bytes += (4.0 * samples) as u64 * heights as u64;
+        total.computed += heights + OTHER_PSFS;
         total.samples += samples * (heights + OTHER_PSFS) as f64;
+        of_a_psf += samples;
     }
+    let placing = if vergence.len() > 1 { PLACING_PSFS * vergence.len().min(PLACING_CELLS) } else { 0 };
+    total.computed += placing;
+    total.samples += placing as f64 * of_a_psf / vergence.len().max(1) as f64 / COARSER;
     Ok(total)
 }
 
@@ -151,16 +136,6 @@ mod tests {
     use super::*;
 
     #[test]
-    fn nodes_of_the_double_gauss_are_about_those_that_are_placed() {
-        let options = DepthOptions { focus: 0.5, range: (1.0 / 3.0, 1.0 / 1.5), tolerance: 0.02 };
-        let nodes = expected_nodes(&options, 867.4);
-        // 285 are placed.
-        assert!(nodes.len().abs_diff(285) < 60, "{}", nodes.len());
-        assert!(nodes.windows(2).all(|w| w[0] < w[1]) && nodes[0] == 1.0 / 3.0, "{nodes:?}");
-        assert_eq!(expected_nodes(&DepthOptions { range: (0.4, 0.4), ..options }, 867.4), [0.4]);
-    }
-
-    #[test]
     fn a_film_at_two_metres_holds_one_and_a_half_to_three() {
         let system = System::double_gauss_28();
         let um = system.primary_um();
@@ -171,7 +146,7 @@ mod tests {
         let (far, near) = range_that_fits(&system, &trace, &options).unwrap();
         assert!(far < options.range.0 && near > options.range.1 && near < 0.69, "{far} {near}");
         // Traced: 285 nodes, windows of 39 to 325 px; up to 3.1 mm, where no limit of PSFs is reached, 7.1 GB compressed.
-        let nodes = expected_nodes(&options, 867.4);
+        let nodes: Vec<f64> = (0..285).map(|i| (1.0 + f64::from(i) / 284.0) / 3.0).collect();
         let needed = estimate(&system, &trace, 0, &options, &nodes).unwrap();
         assert!((3e9..12e9).contains(&(needed.bytes as f64)), "{needed:?}");
         assert!(needed.window_px.0 < 80 && needed.window_px.1.abs_diff(325) < 45, "{needed:?}");

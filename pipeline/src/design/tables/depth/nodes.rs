@@ -30,6 +30,12 @@ const ROUNDS: usize = 4;
 const MEASURED: usize = 48;
 /// Further rounds where not all cells are measured, each for less of the tolerance by this factor.
 const STRICTER: (usize, f64) = (8, 0.85);
+/// Rounds of measuring for an estimate after the probes, and cells of each.
+const ESTIMATED: (usize, usize) = (1, 8);
+/// Blur radius up to which an estimate measures, µm: a second or two of one core.
+const MEASURED_UM: f64 = 120.0;
+/// Share of the tolerances for which an estimate places nodes: the checks of a placement add a seventh of its nodes (five ranges of a Double Gauss).
+const CHECKED: f64 = 0.75;
 /// Probing vergences on either side of focus.
 const PROBES: usize = 9;
 /// Points at which the density is integrated.
@@ -76,6 +82,8 @@ impl Placement {
     }
 }
 
+/// Middle and half width, 1/m.
+type Cell = (f64, f64);
 /// L1 and ESF error.
 type Errors = [f64; 2];
 /// Vergence as bits, and half the window, px.
@@ -99,29 +107,17 @@ pub fn place(
         return Ok(Placement { vergence: vec![first], l1: 0.0, esf: 0.0 });
     }
     let allowed = [options.l1_tolerance, ESF_TOLERANCE];
-    let blur = options.blur_px;
-    let h = (0.5 / blur).min((last - first) / 2.0);
-    let reach = (first - options.focus).abs().max((last - options.focus).abs()) * blur;
-    // Closer to each other near focus, where C changes most.
-    let ratio = real::pow(reach.max(2.0), 1.0 / (PROBES - 2) as f64);
-    // Where h is half of the range, the bounds of v ± h within it are equal but for rounding.
-    let (low, high) = (first + h, (last - h).max(first + h));
-    let side = (0..PROBES).map(|i| if i == 0 { 0.0 } else { ratio.powi(i as i32 - 1) / blur });
-    let mut probes: Vec<f64> =
-        side.flat_map(|s| [options.focus - s, options.focus + s]).map(|v| v.clamp(low, high)).collect();
-    probes.sort_by(f64::total_cmp);
-    probes.dedup_by(|a, b| (*a - *b).abs() < 1e-9);
-    let found = kernels.errors(&probes.iter().map(|v| (*v, h)).collect::<Vec<_>>())?;
-    let scaled = |e: &Errors, h: f64| e.map(|e| e / (h * h));
+    let probes = probes(options, options.range);
+    let found = kernels.errors(&probes)?;
     let mut constants: BTreeMap<u64, Errors> =
-        std::iter::zip(&probes, &found).map(|(v, e)| (v.to_bits(), scaled(e, h))).collect();
+        std::iter::zip(&probes, &found).map(|((v, h), e)| (v.to_bits(), scaled(e, *h))).collect();
     let mut cells = Vec::new();
     let mut errors: Vec<Errors> = Vec::new();
     let fails = |e: &Errors| e[0] > allowed[0] || e[1] > allowed[1];
     for round in 0..ROUNDS + STRICTER.0 {
         let share = MARGIN * STRICTER.1.powi(round.saturating_sub(ROUNDS - 1) as i32);
         let vergence = nodes_by_density(&constants, allowed.map(|a| share * a), options.range);
-        cells = vergence.windows(2).map(|w| ((w[0] + w[1]) / 2.0, (w[1] - w[0]) / 2.0)).collect();
+        cells = vergence.windows(2).map(cell).collect();
         let measured = sample(&cells, MEASURED);
         errors = kernels.errors(&measured)?;
         if !errors.iter().any(fails) {
@@ -148,6 +144,72 @@ pub fn place(
     }
     let vergence = std::iter::once(first).chain(cells.iter().map(|(v, h)| v + h)).collect();
     Ok(Placement { vergence, l1: worst(&errors, 0), esf: worst(&errors, 1) })
+}
+
+/// As many nodes as [`place`] needs, at about its vergences, without its checks: C is measured at the probing vergences and in some cells, where the blur
+/// radius is at most 120 µm; beyond it the density of nodes is that of the last one.
+///
+/// # Errors
+/// A ray that does not reach the image.
+pub fn estimated(
+    system: &System,
+    um: f64,
+    heights_mm: &[f64],
+    options: &NodeOptions,
+) -> Result<Vec<f64>, DesignError> {
+    let (first, last) = options.range;
+    if last - first < 1e-9 {
+        return Ok(vec![first]);
+    }
+    let mut kernels = Kernels::new(system, um, heights_mm, options)?;
+    let allowed = [options.l1_tolerance, ESF_TOLERANCE];
+    let allowed = allowed.map(|a| CHECKED * MARGIN * a);
+    let reach = MEASURED_UM / options.film_pitch_um / options.blur_px;
+    let near_focus = |v: f64| v.clamp(options.focus - reach, options.focus + reach);
+    let measured = match (near_focus(first), near_focus(last)) {
+        (a, z) if z - a > 1e-9 => (a, z),
+        // All surfaces are blurred more widely.
+        (a, _) if a > last => ((last - 0.5 / options.blur_px).max(first), last),
+        _ => (first, (first + 0.5 / options.blur_px).min(last)),
+    };
+    let mut constants: BTreeMap<u64, Errors> = BTreeMap::new();
+    let mut cells = probes(options, measured);
+    for round in 0..=ESTIMATED.0 {
+        let errors = kernels.errors(&cells)?;
+        constants.extend(std::iter::zip(&cells, &errors).map(|((v, h), e)| (v.to_bits(), scaled(e, *h))));
+        if round < ESTIMATED.0 {
+            let nodes = nodes_by_density(&constants, allowed, measured);
+            let all: Vec<Cell> = nodes.windows(2).map(cell).collect();
+            cells = sample(&all, ESTIMATED.1);
+        }
+    }
+    Ok(nodes_by_density(&constants, allowed, options.range))
+}
+
+/// Cells of half a pixel of blur on either side, over `range`: closer to each other near focus, where C changes most.
+fn probes(options: &NodeOptions, (first, last): (f64, f64)) -> Vec<Cell> {
+    let blur = options.blur_px;
+    let h = (0.5 / blur).min((last - first) / 2.0);
+    let reach = (first - options.focus).abs().max((last - options.focus).abs()) * blur;
+    let ratio = real::pow(reach.max(2.0), 1.0 / (PROBES - 2) as f64);
+    // Where h is half of the range, the bounds of v ± h within it are equal but for rounding.
+    let (low, high) = (first + h, (last - h).max(first + h));
+    let side = (0..PROBES).map(|i| if i == 0 { 0.0 } else { ratio.powi(i as i32 - 1) / blur });
+    let mut probes: Vec<f64> =
+        side.flat_map(|s| [options.focus - s, options.focus + s]).map(|v| v.clamp(low, high)).collect();
+    probes.sort_by(f64::total_cmp);
+    probes.dedup_by(|a, b| (*a - *b).abs() < 1e-9);
+    probes.into_iter().map(|v| (v, h)).collect()
+}
+
+/// The cell between two nodes.
+fn cell(nodes: &[f64]) -> Cell {
+    ((nodes[0] + nodes[1]) / 2.0, (nodes[1] - nodes[0]) / 2.0)
+}
+
+/// C of the errors of a cell of half width `h`.
+fn scaled(errors: &Errors, h: f64) -> Errors {
+    errors.map(|e| e / (h * h))
 }
 
 /// The largest error of kind `i`.
@@ -331,8 +393,7 @@ mod tests {
         };
         let heights = [0.0, 8.0];
         let found = place(&system, 0.55, &heights, &options).unwrap();
-        let cells: Vec<(f64, f64)> =
-            found.vergence.windows(2).map(|w| ((w[0] + w[1]) / 2.0, (w[1] - w[0]) / 2.0)).collect();
+        let cells: Vec<(f64, f64)> = found.vergence.windows(2).map(cell).collect();
         assert!(cells.len() > MEASURED, "{}", cells.len());
         assert!(found.l1 <= 0.02 && found.esf <= ESF_TOLERANCE, "{found:?}");
         let measured: Vec<u64> = sample(&cells, MEASURED).iter().map(|c| c.0.to_bits()).collect();

@@ -11,13 +11,13 @@
 //! ```
 //! The vergence in focus is a node, if it lies in the range.
 
-use super::nodes::{NodeOptions, Placement, place};
+use super::nodes::{NodeOptions, Placement, estimated, place};
 use crate::design::prescription::error::DesignError;
 use crate::design::prescription::system::{RayAiming, System};
 use crate::design::rays::paraxial::Paraxial;
 use crate::design::rays::ray::Tracer;
 use crate::design::tables::grid::Chosen;
-use crate::design::tables::trace::{BandReport, LensTrace, OnProgress, TraceOptions};
+use crate::design::tables::trace::{BandReport, LensTrace, OnProgress, TraceOptions, transmission};
 use crate::lens::depth::{BandDepth, DepthNode, LensDepth};
 use crate::lens::{Lens, LensBand, PsfStack, linear};
 
@@ -112,7 +112,8 @@ pub fn band<E: std::fmt::Display>(
         })?;
         sink(d, &traced.psf).map_err(|e| DesignError::Sink { wavelength_nm: nm, problem: e.to_string() })?;
         let t = traced.tables;
-        let light: Vec<f64> = t.relative_illumination.iter().map(|r| r * t.solid_angle_sr).collect();
+        let axis = t.solid_angle_sr * t.transmission;
+        let light: Vec<f64> = t.relative_illumination.iter().map(|r| r * axis).collect();
         let ratio = |(r, in_focus): (&f64, &f64)| linear(&t.image_height_mm, &light, *r) / in_focus;
         let etendue_ratio = std::iter::zip(&far.real, &in_focus).map(ratio).collect();
         if d + 1 == placement.vergence.len() && *v > 0.0 && system.aiming == RayAiming::Real {
@@ -141,8 +142,8 @@ pub fn band<E: std::fmt::Display>(
         psf_size: 1,
         psf_pitch_um: 1.0,
         psf_energy: Vec::new(),
-        solid_angle_sr: in_focus[0],
-        transmission: 1.0,
+        solid_angle_sr: in_focus[0] / focused.transmission,
+        transmission: focused.transmission,
     };
     nodes.set_psfs(&mut tables, nodes.nearest(options.focus));
     Ok(TracedDepth { tables, nodes, placement, reports })
@@ -158,19 +159,11 @@ pub fn nodes(
     index: usize,
     options: &DepthOptions,
 ) -> Result<Placement, DesignError> {
-    let nm = trace.wavelengths_nm[index];
-    let blur_px = header(system, options)?.blur_per_dioptre_um / trace.film_pitch_um;
-    let (first, last) = options.range;
-    let node_options = |range| NodeOptions {
-        range,
-        focus: options.focus,
-        l1_tolerance: options.tolerance,
-        film_pitch_um: trace.film_pitch_um,
-        blur_px,
-        max_window_px: trace.max_window_px,
+    let of = |range| {
+        let (um, heights, options) = placing(system, trace, index, options, range)?;
+        place(system, um, &heights, &options)
     };
-    let heights = [0.0, trace.max_height_mm];
-    let of = |range| place(system, nm / 1e3, &heights, &node_options(range));
+    let (first, last) = options.range;
     if !(first < options.focus && options.focus < last) {
         return of((first, last));
     }
@@ -179,18 +172,61 @@ pub fn nodes(
     Ok(Placement { vergence, l1: far.l1.max(near.l1), esf: far.esf.max(near.esf) })
 }
 
+/// About as many nodes as [`nodes`] places, in a second or two ([`super::nodes::estimated`]).
+///
+/// # Errors
+/// A ray that does not reach the image; an object too near.
+pub fn estimated_nodes(
+    system: &System,
+    trace: &TraceOptions,
+    index: usize,
+    options: &DepthOptions,
+) -> Result<Vec<f64>, DesignError> {
+    let of = |range| {
+        let (um, heights, options) = placing(system, trace, index, options, range)?;
+        estimated(system, um, &heights, &options)
+    };
+    let (first, last) = options.range;
+    if !(first < options.focus && options.focus < last) {
+        return of((first, last));
+    }
+    let (far, near) = (of((first, options.focus))?, of((options.focus, last))?);
+    Ok(far.iter().chain(&near[1..]).copied().collect())
+}
+
+/// Wavelength in µm, field points and options of placing nodes over `range`.
+fn placing(
+    system: &System,
+    trace: &TraceOptions,
+    index: usize,
+    options: &DepthOptions,
+    range: (f64, f64),
+) -> Result<(f64, [f64; 2], NodeOptions), DesignError> {
+    let node_options = NodeOptions {
+        range,
+        focus: options.focus,
+        l1_tolerance: options.tolerance,
+        film_pitch_um: trace.film_pitch_um,
+        blur_px: header(system, options)?.blur_per_dioptre_um / trace.film_pitch_um,
+        max_window_px: trace.max_window_px,
+    };
+    Ok((trace.wavelengths_nm[index] / 1e3, [0.0, trace.max_height_mm], node_options))
+}
+
 /// Dense tables of a conjugate.
 struct Dense {
     ideal: Vec<f64>,
     real: Vec<f64>,
     /// G, sr.
     light: Vec<f64>,
+    transmission: f64,
 }
 
 impl Dense {
     fn new(system: &System, trace: &TraceOptions, nm: f64) -> Result<Self, DesignError> {
         let tracer = Tracer::new(system, nm / 1e3)?;
         let [ideal, real, light] = LensTrace::new(system, trace)?.dense(&tracer)?;
-        Ok(Self { ideal, real, light })
+        let transmission = transmission(&tracer, light[0])?;
+        Ok(Self { ideal, real, light, transmission })
     }
 }

@@ -1,0 +1,82 @@
+//! How a design is traced for a film: flags of a job, as `lens trace` has them.
+
+use super::choices::{AIMING, one_of};
+use super::design::{CoatingsArg, DesignArgs, Gap, ImagePlaneArg, configuration};
+use super::values::{share, window_px};
+use clap::Args;
+use pipeline::design::system::RayAiming;
+use pipeline::psf::blocks::Blocks;
+use std::path::PathBuf;
+
+/// How a design is traced. Without flags as by default; they belong to the lens of a film.
+#[derive(Clone, Debug, Default, PartialEq, Args)]
+#[command(next_help_heading = "Designs")]
+pub struct TracingArgs {
+    /// Position of the film
+    #[arg(long, value_enum, default_value_t = ImagePlaneArg::Design)]
+    pub image_plane: ImagePlaneArg,
+    /// Ray aiming [default: as in the design]
+    #[arg(long, value_parser = one_of(AIMING))]
+    pub aiming: Option<RayAiming>,
+    /// Configuration of a multi-configuration .zmx file [default: 1]
+    #[arg(long, value_name = "N", value_parser = configuration)]
+    pub configuration: Option<usize>,
+    /// Glass catalogue in AGF format, in addition to the built-in glasses and to those beside the design; repeatable
+    #[arg(long, value_name = "FILE.agf")]
+    pub glass_catalog: Vec<PathBuf>,
+    /// Light lost at surfaces and in glass: ideal (none is), none (bare surfaces), mgf2[@NM] (a quarter wave at 550 nm or NM), design (as the design names
+    /// them), or a file of coatings (.toml, .dat); all but ideal with the absorption of the glasses
+    #[arg(long, value_name = "COATINGS|FILE", value_parser = CoatingsArg::parse, default_value = "ideal")]
+    pub coatings: CoatingsArg,
+    /// Minimum share of the energy inside every PSF window [default: 0.99]
+    #[arg(long, value_name = "SHARE", value_parser = share)]
+    pub energy: Option<f64>,
+    /// Maximum PSF window, an odd number of film pixels [default: 401, of film pixels above 2 µm fewer; 639 with distances]
+    #[arg(long, value_name = "N", value_parser = |text: &str| window_px(text, Blocks::widest_window()))]
+    pub max_window_px: Option<usize>,
+}
+
+impl TracingArgs {
+    /// Parameters of the design, with the gaps `gap`.
+    pub fn design(&self, gap: &[Gap]) -> DesignArgs {
+        DesignArgs {
+            image_plane: self.image_plane,
+            aiming: self.aiming,
+            configuration: self.configuration,
+            glass_catalog: self.glass_catalog.clone(),
+            coatings: self.coatings.clone(),
+            gap: gap.to_vec(),
+            ..DesignArgs::default()
+        }
+    }
+
+    /// The flags of this group.
+    pub const FLAGS: [&str; 7] = [
+        "--image-plane",
+        "--aiming",
+        "--configuration",
+        "--glass-catalog",
+        "--coatings",
+        "--energy",
+        "--max-window-px",
+    ];
+
+    /// Those of [`TracingArgs::FLAGS`] that are given.
+    pub fn given(&self) -> Vec<&'static str> {
+        let Self { image_plane, aiming, configuration, glass_catalog, coatings, energy, max_window_px } =
+            self;
+        let is_given = [
+            *image_plane != ImagePlaneArg::default(),
+            aiming.is_some(),
+            configuration.is_some(),
+            !glass_catalog.is_empty(),
+            *coatings != CoatingsArg::Ideal,
+            energy.is_some(),
+            max_window_px.is_some(),
+        ];
+        std::iter::zip(Self::FLAGS, is_given)
+            .filter(|(_, is_given)| *is_given)
+            .map(|(flag, _)| flag)
+            .collect()
+    }
+}

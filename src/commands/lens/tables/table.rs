@@ -1,0 +1,80 @@
+//! A table as JSON and as CSV.
+
+use crate::args::TableName;
+use serde_json::{Map, Value};
+use std::path::{Path, PathBuf};
+
+/// Rows of values under names that carry their units.
+pub struct Table {
+    /// Its name.
+    pub name: TableName,
+    columns: Vec<String>,
+    rows: Vec<Vec<Value>>,
+}
+
+impl Table {
+    /// A table of `rows`, each with a value for each of `columns`.
+    pub fn new(name: TableName, columns: &[&str], rows: Vec<Vec<Value>>) -> Self {
+        Self { name, columns: columns.iter().map(|c| (*c).to_owned()).collect(), rows }
+    }
+
+    /// A table of JSON objects with the same keys.
+    pub fn of_objects(name: TableName, objects: impl Iterator<Item = Value>) -> Self {
+        let mut table = Self { name, columns: Vec::new(), rows: Vec::new() };
+        for object in objects {
+            let Value::Object(map) = object else { continue };
+            table.columns = map.keys().cloned().collect();
+            table.rows.push(map.into_iter().map(|(_, v)| v).collect());
+        }
+        table
+    }
+
+    /// Its key in JSON.
+    pub fn key(&self) -> String {
+        self.name.name().replace('-', "_")
+    }
+
+    /// A list of objects.
+    pub fn json(self) -> Value {
+        let object =
+            |row: Vec<Value>| Value::Object(self.columns.iter().cloned().zip(row).collect::<Map<_, _>>());
+        Value::Array(self.rows.into_iter().map(object).collect())
+    }
+
+    /// A header line and a line per row; what is not available is empty.
+    pub fn csv(&self) -> String {
+        let cell = |v: &Value| match v {
+            Value::Null => String::new(),
+            // A quote is doubled (RFC 4180).
+            Value::String(s) if s.contains([',', '"', '\n', '\r']) => {
+                format!("\"{}\"", s.replace('"', "\"\""))
+            }
+            Value::String(s) => s.clone(),
+            v => v.to_string(),
+        };
+        let line = |cells: Vec<String>| cells.join(",") + "\n";
+        let rows = self.rows.iter().map(|row| line(row.iter().map(cell).collect()));
+        std::iter::once(line(self.columns.clone())).chain(rows).collect()
+    }
+}
+
+/// The file of a table in `dir`.
+pub fn csv_file(dir: &Path, name: TableName) -> PathBuf {
+    dir.join(format!("{}.csv", name.name()))
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use serde_json::json;
+
+    #[test]
+    fn csv_has_units_empty_cells_and_quotes() {
+        let rows =
+            vec![vec![json!(550.0), Value::Null, json!("a, \"b\"")], vec![json!(1e-7), json!(3), json!("c")]];
+        let table = Table::new(TableName::Spots, &["wavelength_nm", "rms_um", "name"], rows);
+        assert_eq!(table.csv(), "wavelength_nm,rms_um,name\n550.0,,\"a, \"\"b\"\"\"\n1e-7,3,c\n");
+        assert_eq!(table.key(), "spots");
+        assert_eq!(table.json()[1]["rms_um"], 3);
+    }
+}

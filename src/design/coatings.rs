@@ -1,0 +1,105 @@
+//! Coatings of a design: `--coatings`.
+
+use super::bytes::read_bytes;
+use crate::args::CoatingsArg;
+use anyhow::{Context, Result};
+use formats::design::coatings::{self, CoatingFile, dat, mgf2, toml};
+use formats::design::zar::Member;
+use pipeline::design::System;
+use pipeline::design::coating::Coating;
+use pipeline::design::coatings::Coatings;
+use std::path::{Path, PathBuf};
+
+/// The coating file of a design: its name in the design, and what its archive has.
+#[derive(Default)]
+pub(super) struct DesignCoatings {
+    /// The design.
+    pub(super) path: PathBuf,
+    /// As the design names it.
+    pub(super) name: Option<String>,
+    /// Coating files in its archive.
+    pub(super) members: Vec<Member>,
+}
+
+/// `system` with the coatings of `--coatings`.
+///
+/// # Errors
+/// A file that cannot be read; a coating that is not known or cannot be used; a surface that the design does not have.
+pub(super) fn coat(system: System, given: &CoatingsArg, design: &DesignCoatings) -> Result<System> {
+    let of_all = |default| Ok((Coatings { default, surfaces: Vec::new() }, Vec::new()));
+    let coatings: Result<_> = match given {
+        CoatingsArg::Ideal => return Ok(system),
+        CoatingsArg::Bare => of_all(Coating::Bare),
+        CoatingsArg::Mgf2(nm) => of_all(mgf2(*nm)),
+        CoatingsArg::Design => Ok(design.file(system.primary_um())?.of_design(&system)?),
+        CoatingsArg::File(path) => {
+            let reading = || format!("--coatings {}", path.display());
+            let file = read(path, system.primary_um()).with_context(reading)?;
+            // Names of the design program are those of its own files.
+            let is_dat = is_dat(path);
+            Ok(match is_dat {
+                true => file.of_design(&system).with_context(reading)?,
+                false => (file.coatings().with_context(reading)?, Vec::new()),
+            })
+        }
+    };
+    let (coatings, notes) = coatings?;
+    let mut system = system.with_coatings(&coatings)?;
+    system.notes.extend(notes);
+    Ok(system)
+}
+
+fn is_dat(path: &Path) -> bool {
+    path.extension().is_some_and(|e| e.eq_ignore_ascii_case("dat"))
+}
+
+/// Reads a file of coatings: TOML, or that of the lens design program.
+fn read(path: &Path, primary_um: f64) -> Result<CoatingFile> {
+    let bytes = read_bytes(path)?;
+    if is_dat(path) {
+        return Ok(dat::parse(&bytes, primary_um)?);
+    }
+    let text = String::from_utf8(bytes).context("the file is not text in UTF-8")?;
+    let folder = path.parent().unwrap_or(Path::new("."));
+    let beside = |name: &str| {
+        let bytes = read_bytes(&folder.join(name)).map_err(|e| crate::failure::line(&e))?;
+        String::from_utf8(bytes).map_err(|_| "the file is not text in UTF-8".to_owned())
+    };
+    Ok(toml::parse(&text, &beside)?)
+}
+
+impl DesignCoatings {
+    /// The coating file that the design names, in its archive or beside it; without one, the built-in coatings.
+    fn file(&self, primary_um: f64) -> Result<CoatingFile> {
+        let Some(name) = &self.name else { return Ok(CoatingFile::default()) };
+        if let Some(member) = self.members.iter().find(|m| m.name.eq_ignore_ascii_case(name)) {
+            return dat::parse(&member.data, primary_um).with_context(|| format!("reading {}", member.name));
+        }
+        let folder = self.path.parent().filter(|d| !d.as_os_str().is_empty()).unwrap_or(Path::new("."));
+        let is_it = |path: &PathBuf| path.file_name().is_some_and(|n| n.eq_ignore_ascii_case(name.as_str()));
+        let found = std::fs::read_dir(folder).into_iter().flatten().flatten().map(|e| e.path()).find(is_it);
+        match found {
+            Some(path) => read(&path, primary_um).with_context(|| format!("reading {}", path.display())),
+            None => Ok(CoatingFile::default()),
+        }
+    }
+}
+
+/// Transmission on the axis that a quarter wave of MgF2 would leave a lens whose coatings are ideal, at `wavelengths_nm`; none of a lens with
+/// coatings.
+pub fn note_on_ideal(system: &System, wavelengths_nm: &[f64]) -> Option<String> {
+    let is_coated = system.surfaces.iter().any(|s| s.coating.is_some());
+    let (first, last) = (wavelengths_nm.first()?, wavelengths_nm.last()?);
+    let nm: Vec<f64> = if first == last { vec![*first] } else { vec![*first, *last] };
+    let coatings = Coatings { default: coatings::mgf2(None), surfaces: Vec::new() };
+    let coated = system.clone().with_coatings(&coatings).ok().filter(|_| !is_coated)?;
+    let at = |nm: &f64| {
+        let left = pipeline::design::illumination::axial_transmission(&coated, nm / 1e3).ok()?;
+        Some(format!("{left:.2} at {nm} nm"))
+    };
+    let figures: Vec<String> = nm.iter().map(at).collect::<Option<_>>()?;
+    Some(format!(
+        "transmission 1: reflections and absorption of the lens are left out; --coatings mgf2 would leave {}",
+        figures.join(" and ")
+    ))
+}
