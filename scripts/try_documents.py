@@ -33,7 +33,7 @@ NOT_RUN = {
     "export AWS_ACCESS_KEY_ID=": "credentials of the reader",
     "lenscube run s3://": "needs an S3 store; scripts/check-s3 starts one",
     "lenscube bench --device cuda": "needs a GPU",
-    "lenscube demo --depth": "takes one to two minutes; run by tests/depth_scene.rs",
+    "lenscube demo --depth": "takes one to two minutes; run by tests/cli/depth_scene.rs",
 }
 # What README states of versions → the file that determines it.
 STATED = {r"Rust ([\d.]+)": ("Cargo.toml", r'rust-version = "([\d.]+)"'), r"python3 >= ([\d.]+)": ("scripts/python/pyproject.toml", r'requires-python = ">=([\d.]+)"')}

@@ -20,7 +20,7 @@
 //!
 //! `chart/FORMAT.rs`, whose bands a `BandDecoder` decodes for a `DecodedChart` (`chart/exr.rs` is one), its `mod` line in `chart.rs` and its row in
 //! `chart/any.rs`. Samples in a flat file: `chart/raster/` (`open.rs`, `layout.rs`, `samples.rs`). Say it in the guide's page `charts`. Tests:
-//! `tests/invariance.rs`, `formats/tests/fuzz/`.
+//! `tests/cli/invariance.rs`, `formats/tests/fuzz/`.
 //!
 //! # Adding a codec of films and charts
 //!

@@ -5,7 +5,7 @@
 //! only some of its rows, never the cube. [`exposure`] chooses the value that becomes white, [`tone`] converts values to bytes.
 //! Figures are SVG documents ([`figure`]) in a light or dark [`style`], and PNG files drawn from the same documents:
 //! [`mod@plot`] draws curves and shapes on axes, [`bands`] gives wavelengths their colours, [`curve`] plots the tables of a lens,
-//! [`sheet`] places crops side by side. Files are written under a temporary name and renamed when complete (`file.rs`).
+//! [`contact_sheet`] places crops side by side. Files are written under a temporary name and renamed when complete (`file.rs`).
 //!
 //! Pixels that are NaN or infinite (shards not yet written) are MISSING: averages leave them out, a picture's pixel
 //! without any sample shows as a grey chequer, and both are counted. For colour, a pixel is missing if any band is: a colour

@@ -239,7 +239,19 @@ impl Bench<'_> {
 #[cfg(test)]
 mod tests {
     use super::*;
+    use crate::sensor::NoiseFigures;
     use crate::sensor::noise::tests::example;
+
+    /// 1000 e-/s over 10 ms are 10 e-, of which a column gain of 0.1 makes 1 e-.
+    #[test]
+    fn stated_pattern_in_the_dark_has_the_column_gain_of_the_dark_charge() {
+        let mut sensor = example();
+        sensor.noise = NoiseFigures { column_gain: 0.1, ..NoiseFigures::default() };
+        sensor.pixel.dark_current_e_per_s = 1000.0;
+        let stated =
+            Bench { sensor: &sensor, quantum_efficiency: 0.5, seconds: 0.01, seed: 1, die: 1 }.stated();
+        assert!((stated.dsnu_e - 1.0).abs() < 1e-12 && stated.prnu == 0.1, "{stated:?}");
+    }
 
     /// Standard errors: a variance of 512² pixels √(2/N) = 0.28 %, over some thirty exposures 0.1 % of K.
     #[test]

@@ -1,5 +1,5 @@
 """Writes a subset of tables.npz (see SOURCES.md; made by `scripts/unpack_tables.py tables.npz`) to the flat file that
-tests/design_tables.rs reads.
+tests/lens_design/tables.rs reads.
 
     python make_double_gauss_subset.py tables.npz double-gauss-28-subset.bin            # bands 400, 440, 550, 700 nm; 4 heights
     python make_double_gauss_subset.py tables.npz /tmp/full.bin --full                  # all 31 x 22, for the ignored test

@@ -1,0 +1,116 @@
+//! `lenscube compare`: two raws under the same noise.
+
+use super::{OTHER_JOB, USAGE};
+use crate::common::camera::{LENS, Place};
+use crate::common::{assert_exit, lenscube, text};
+use pipeline::geometry::Size;
+use std::path::Path;
+
+#[test]
+fn comparison_of_raws_finds_what_differs() {
+    let place = Place::new();
+    let chart = "gen:slanted-edge?size=240&pitch_um=2&wavelengths=450,550,650&angle_deg=5";
+    let (sharp, blurred) = (place.at("sharp.film"), place.at("blurred.film"));
+    crate::common::run(chart, &sharp, LENS, &["--stages", "ri"]).ok();
+    crate::common::run(chart, &blurred, LENS, &[]).ok();
+    let flags = ["--sensor", "example-2um", "--exposure", "5ms", "--seed", "3"];
+    let (a, b) = (place.raw("a.zarr", &sharp, &flags), place.raw("b.zarr", &blurred, &flags));
+    let compare = |a: &Path, b: &Path, out: &Path, more: &[&str]| {
+        lenscube(&[&["compare", text(a), text(b), "--out", text(out)], more].concat())
+    };
+    let edge = ["--edge", "114,60,125,180", "--patch", "10,10,50,50", "--patch", "180,180,50,50"];
+    let out = place.at("out");
+    let ran = compare(&a, &b, &out, &edge).ok();
+    assert!(ran.stderr.contains("same seed, die and noises"), "{}", ran.stderr);
+    for file in [
+        "report.html",
+        "difference.png",
+        "figures.png",
+        "regions.csv",
+        "mtf.csv",
+        "patches.csv",
+        "compare.json",
+    ] {
+        assert!(std::fs::metadata(out.join(file)).unwrap().len() > 100, "{file}");
+    }
+    let all: serde_json::Value =
+        serde_json::from_slice(&std::fs::read(out.join("compare.json")).unwrap()).unwrap();
+    let mtf50 = |curve: usize, raw: &str| all["edges"][0]["curves"][curve][raw]["mtf50_cy_px"].as_f64();
+    // Luminance and the green plane: the lens lowers the MTF.
+    for (curve, name) in [(0, "luminance"), (2, "G")] {
+        assert_eq!(all["edges"][0]["curves"][curve]["name"], name);
+        let (before, after) = (mtf50(curve, "a").unwrap_or(1.0), mtf50(curve, "b").unwrap());
+        assert!(after < 0.95 * before, "{name}: {before} {after}");
+    }
+    // Away from the edge the films are equal, and so is the noise: the difference is far below what independent noise would give.
+    let region = all["regions"].as_array().unwrap().iter().find(|r| r["plane"] == "G").unwrap();
+    let (sigma, equivalent) = (&region["difference_sigma_e"], &region["noise_equivalent_difference_e"]);
+    assert!(sigma.as_f64().unwrap() < 0.2 * equivalent.as_f64().unwrap(), "{region}");
+    assert!(all["patches"][0]["delta_e_2000"].as_f64().unwrap() < 0.5);
+    // A raw against itself: nothing differs. Against another seed: independent noise.
+    compare(&a, &a, &place.at("same"), &[]).ok();
+    let same: serde_json::Value =
+        serde_json::from_slice(&std::fs::read(place.at("same/compare.json")).unwrap()).unwrap();
+    assert!(same["regions"].as_array().unwrap().iter().all(|r| r["difference_sigma_e"] == 0.0));
+    let other = place.raw("c.zarr", &sharp, &["--sensor", "example-2um", "--exposure", "5ms", "--seed", "4"]);
+    let ran = compare(&a, &other, &place.at("noise"), &["--grid", "1", "--threads", "1"]).ok();
+    assert!(ran.stderr.contains("noise of both"), "{}", ran.stderr);
+    let noise: serde_json::Value =
+        serde_json::from_slice(&std::fs::read(place.at("noise/compare.json")).unwrap()).unwrap();
+    let green = noise["regions"].as_array().unwrap().iter().find(|r| r["plane"] == "G").unwrap().clone();
+    let number = |key: &str| green[key].as_f64().unwrap();
+    // PRNU and the other patterns of the die are common; shot noise dominates.
+    let ratio = number("difference_sigma_e") / number("noise_equivalent_difference_e");
+    assert!((0.85..1.02).contains(&ratio), "{ratio}");
+    assert_exit(&compare(&a, &b, &out, &[]), OTHER_JOB, &["--overwrite"]);
+    // A comparison that replaces another leaves none of its tables.
+    compare(&a, &b, &out, &["--overwrite"]).ok();
+    assert!(out.join("report.html").exists());
+    assert!(!out.join("mtf.csv").exists() && !out.join("patches.csv").exists());
+    let small = place.raw("small.zarr", &sharp, &[&flags[..], &["--size", "100"]].concat());
+    assert_exit(&compare(&a, &small, &place.at("no"), &[]), USAGE, &["pixels differ"]);
+    assert_exit(&compare(&a, &b, &place.at("no"), &["--edge", "1,1,5,200"]), USAGE, &["not inside the raw"]);
+    assert_exit(&compare(&a, &b, &place.at("no"), &["--patch", "200,200,50,50"]), USAGE, &["not inside"]);
+    assert!(!place.at("no").exists());
+}
+
+#[test]
+fn edges_that_measure_refuses_are_not_compared() {
+    let place = Place::new();
+    let film = place.film_named("u.film", Size::new(300, 300), |_, _, _| 1e-3);
+    let flags = ["--sensor", "example-2um", "--exposure", "5ms"];
+    let raws =
+        ["1", "2"].map(|s| place.raw(&format!("{s}.zarr"), &film, &[&flags[..], &["--seed", s]].concat()));
+    let compare = |edge: &str| {
+        let words = ["compare", text(&raws[0]), text(&raws[1]), "--out"];
+        lenscube(&[&words[..], &[text(&place.at("no")), "--edge", edge]].concat())
+    };
+    for edge in ["150,100,155,180", "100,100,105,180"] {
+        assert_exit(&compare(edge), USAGE, &["--edge", edge]);
+    }
+    assert_exit(&compare("150,100,151,105"), USAGE, &["5.1 px apart"]);
+    assert!(!place.at("no").exists());
+}
+
+#[test]
+fn other_noise_is_named_and_another_place_is_refused() {
+    let place = Place::new();
+    let film = place.film_named("u.film", Size::new(60, 60), |_, _, _| 1e-3);
+    let flags = ["--sensor", "example-2um", "--exposure", "5ms"];
+    let raw = |name: &str, more: &[&str]| place.raw(name, &film, &[&flags[..], more].concat());
+    let a = raw("a.zarr", &["--size", "30"]);
+    let compare = |b: &Path, out: &str| {
+        lenscube(&["compare", text(&a), text(b), "--out", text(&place.at(out)), "--grid", "1"])
+    };
+    for (name, more, differ) in [
+        ("noisy", &["--set", "noise.read_noise_e=200"][..], "differ in sensor electronics: "),
+        ("warm", &["--temperature", "60"], "differ in temperature: "),
+        ("gain", &["--gain", "2", "--seed", "2"], "differ in seed, gain: "),
+    ] {
+        let b = raw(name, &[&["--size", "30"], more].concat());
+        let ran = compare(&b, &format!("{name}.out")).ok();
+        assert!(ran.stderr.contains(differ), "{}", ran.stderr);
+    }
+    let moved = raw("moved.zarr", &["--size", "30", "--center", "0.02,0"]);
+    assert_exit(&compare(&moved, "no"), USAGE, &["middles in mm"]);
+}

@@ -1,0 +1,32 @@
+//! Tests of the program from outside that need no harness of their own: a module for each subject.
+
+#[path = "../common/mod.rs"]
+mod common;
+
+mod addresses;
+mod bad_input;
+mod bounds;
+mod check_input;
+mod depth;
+mod depth_edges;
+mod depth_inputs;
+mod depth_nodes;
+mod depth_report;
+mod depth_scene;
+mod develop;
+mod export;
+mod faults;
+mod formats;
+mod import;
+mod invariance;
+mod lens;
+mod outputs;
+mod plan;
+mod pyramid;
+mod replaced;
+mod resume;
+mod run_output;
+mod sensor;
+mod terminal;
+mod validate;
+mod view;

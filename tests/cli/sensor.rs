@@ -1,0 +1,11 @@
+//! `lenscube sensor` from outside: films to raws.
+
+mod bad_input;
+mod bits;
+mod catalogue;
+mod interruption;
+mod light;
+
+const USAGE: i32 = 2;
+const OTHER_JOB: i32 = 3;
+const WRONG: i32 = 4;
