@@ -24,7 +24,7 @@ pub struct TracingArgs {
     /// Glass catalogue in AGF format, in addition to the built-in glasses and to those beside the design; repeatable
     #[arg(long, value_name = "FILE.agf")]
     pub glass_catalog: Vec<PathBuf>,
-    /// Light lost at surfaces and in glass: ideal (none is), none (bare surfaces), mgf2[@NM] (a quarter wave at 550 nm or NM), design (as the design names
+    /// Light lost at surfaces and in glass: ideal (none is), none (bare surfaces), mgf2 or mgf2@NM (a quarter wave at 550 nm or NM), design (as the design names
     /// them), or a file of coatings (.toml, .dat); all but ideal with the absorption of the glasses
     #[arg(long, value_name = "COATINGS|FILE", value_parser = CoatingsArg::parse, default_value = "ideal")]
     pub coatings: CoatingsArg,

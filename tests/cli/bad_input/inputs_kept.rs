@@ -98,7 +98,7 @@ const REFUSED: &[(&str, &str, &str)] = &[
         "--csv hard.json is a hard link to a file of",
         "film film.zarr",
     ),
-    ("measure u.npy --profile 0,0,5,5 --plot u.npy $", "--plot u.npy", "film u.npy"),
+    ("measure layout.svg --profile 0,0,5,5 --plot layout.svg $", "--plot layout.svg is", "film layout.svg"),
     ("measure u.npy --profile 0,0,5,5 --csv same --json same", "--json same is", "--csv same"),
     (
         "measure u.npy --profile 0,0,5,5 --csv new.csv --json dangling.csv",
@@ -146,11 +146,11 @@ const REFUSED: &[(&str, &str, &str)] = &[
     ),
     ("plan chart.zarr new.zarr --lens-pack new.zarr", "--lens-pack new.zarr is", "FILM new.zarr"),
     ("chart image photo.png photo.png $", "OUT.zarr photo.png is", "picture photo.png"),
-    ("depth depth.npy --lens phone --plot depth.npy $", "--plot depth.npy is", "scene depth.npy"),
+    ("depth layout.svg --lens phone --plot layout.svg $", "--plot layout.svg is", "scene layout.svg"),
     (
-        "depth u.npy --lens phone --depth scene.exr//Z --plot scene.exr $",
-        "--plot scene.exr is",
-        "depth array scene.exr//Z",
+        "depth u.npy --lens phone --depth layout.svg//Z --plot layout.svg $",
+        "--plot layout.svg is",
+        "depth array layout.svg//Z",
     ),
     // Lenses.
     ("lens trace design.zmx design.zmx", "OUT.lens.zarr design.zmx is", "lens design.zmx"),
@@ -176,7 +176,7 @@ const REFUSED: &[(&str, &str, &str)] = &[
         "RAW sensor.toml is",
         "sensor description sensor.toml",
     ),
-    ("sensor show layout.svg --plot layout.svg", "--plot layout.svg/", "sensor description layout.svg"),
+    ("sensor show sensor.toml --plot sensor.toml", "--plot sensor.toml/", "sensor description sensor.toml"),
     ("sensor validate figures.csv --out . $", "--out ./figures.csv is", "sensor description figures.csv"),
     ("develop raw.zarr//raw raw.zarr/x.png", "OUT raw.zarr/x.png lies in", "raw raw.zarr"),
     ("develop raw.zarr photo.png --matrix photo.png $", "OUT photo.png is", "matrix photo.png"),

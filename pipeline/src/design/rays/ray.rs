@@ -8,7 +8,7 @@
 //! Clipping by apertures is measured by the maximum of r²/a² − 1 over all surfaces with an aperture radius a, a central obscuration by the
 //! minimum over all surfaces with an obscuration of radius a. Rays within an obscuration are traced as if it were not there.
 //! Flux through dp dq: d(x, y) in the pupil plane for an object at infinity, d(L, M) at the object (Lambertian) for a finite one.
-//! Light lost at coatings and in glass: [`losses`](super::losses). Left out: ghosts, vignetting factors.
+//! Light lost at coatings and in glass: `losses`. Left out: ghosts, vignetting factors.
 
 use std::sync::OnceLock;
 
