@@ -4,6 +4,7 @@ use super::choices::{RESAMPLE, one_of};
 use super::values::{bounded, bytes, figures, number, pair_mm, positive, roi, threads};
 use clap::{Args, Subcommand};
 use pipeline::bounds;
+use pipeline::colour::Illuminant;
 use pipeline::geometry::{Rect, Size};
 use pipeline::sensor::NoiseSet;
 use pipeline::sensor::pixels::Resample;
@@ -96,6 +97,9 @@ pub struct ExposeArgs {
     /// Write digital numbers to .tif and .png as they are [default: multiplied, so that 65535 is the largest one]
     #[arg(long)]
     pub keep_dn: bool,
+    /// Light whose white is the neutral of a .dng: D65, A or E [default: the chart's light if the film records it, else D65]
+    #[arg(long, value_name = "LIGHT")]
+    pub white: Option<Illuminant>,
     /// Name of a built-in sensor (`lenscube sensor list`) or a description (.toml); of a raw that kept its signal, by default its own
     #[arg(long, value_name = "NAME|FILE")]
     pub sensor: Option<String>,
@@ -186,6 +190,7 @@ impl ExposeArgs {
             film: Some(film.into()),
             raw: Some(raw.into()),
             keep_dn: false,
+            white: None,
             sensor: None,
             set: Vec::new(),
             exposure: None,

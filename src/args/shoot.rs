@@ -65,7 +65,7 @@ pub struct ShootArgs {
     /// Seed of the noise of each frame
     #[arg(long, default_value_t = 1)]
     pub seed: u64,
-    /// Light that becomes neutral, as for `lenscube develop`
+    /// Light that becomes neutral, as for `lenscube develop`; of a .dng as for `lenscube sensor`
     #[arg(long, value_name = "LIGHT")]
     pub white: Option<String>,
     /// Interpolation of the planes

@@ -76,6 +76,12 @@ pub fn expose(args: &ExposeArgs) -> Result<u8> {
             out.display()
         )));
     }
+    if args.white.is_some() && format != Some(picture::FileFormat::Dng) {
+        return Err(usage(format!(
+            "--white is the neutral of a .dng; {} has none: give --white to `lenscube develop`",
+            out.display()
+        )));
+    }
     match format {
         Some(format) => picture::command(args, film, (out, format)),
         None => raw::expose(args, &RawJob::new(args, film)?, out),

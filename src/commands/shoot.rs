@@ -23,12 +23,16 @@ pub fn command(args: &ShootArgs) -> Result<u8> {
         Some("dng") => false,
         _ => return Err(usage(format!("{out}: expected a picture, .png, .tif or .exr, or a .dng"))),
     };
-    let development = args.white.is_some() || args.demosaic.is_some() || args.even_light;
+    let development = args.demosaic.is_some() || args.even_light;
     if !developed && development {
-        return Err(usage(format!(
-            "{out} is not developed: --white, --demosaic and --even-light are for pictures"
-        )));
+        return Err(usage(format!("{out} is not developed: --demosaic and --even-light are for pictures")));
     }
+    let neutral = match &args.white {
+        Some(name) if !developed => {
+            Some(name.parse().map_err(|_| usage(format!("--white {name}: a .dng takes D65, A or E")))?)
+        }
+        _ => None,
+    };
     let is_as_designed = args.surfaces.focus_m.is_none() && args.surfaces.gap.is_empty();
     if args.even_light && !(is_as_designed && args.tracing.given().is_empty()) {
         return Err(usage(
@@ -91,6 +95,7 @@ pub fn command(args: &ShootArgs) -> Result<u8> {
         false => sensor::expose(&ExposeArgs {
             raw: Some(args.out.clone()),
             overwrite: args.overwrite,
+            white: neutral,
             ..exposure
         })?,
     };

@@ -125,7 +125,7 @@ static FORMATS: &[Format] = &[
         detects: |spec| hdf5::is_hdf5(Path::new(split_array(spec).0)),
         open: |spec, request| {
             let (file, array) = split_array(spec);
-            let declared = request.wavelengths_nm.is_some();
+            let declared = request.wavelengths_nm.map(<[f64]>::len);
             match hdf5::open(Path::new(file), array, request.axes, request.nan, declared)? {
                 Hdf5Chart::Raster(chart) => raster(*chart, request),
                 Hdf5Chart::Decoded(chart) => decoded(*chart, request),

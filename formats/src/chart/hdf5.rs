@@ -79,7 +79,7 @@ pub fn open(
     _requested: &str,
     _axes: Option<&super::axes::AxisOrder>,
     _nan: super::options::NanPolicy,
-    _replaces_wavelengths: bool,
+    _given_wavelengths: Option<usize>,
 ) -> Result<Hdf5Chart, super::error::ChartError> {
     let expected = "a file of another format (HDF5, NetCDF-4 and MATLAB 7.3 are not read)";
     Err(super::header::header_error(

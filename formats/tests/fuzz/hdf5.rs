@@ -47,7 +47,7 @@ fn damaged_hdf5_charts_do_not_panic() {
         bytes
     };
     fuzz("HDF5 chart", 600, damaged, |_| {
-        let Ok(chart) = open(&at, array.get(), None, NanPolicy::Zero, false) else { return false };
+        let Ok(chart) = open(&at, array.get(), None, NanPolicy::Zero, None) else { return false };
         let (bands, size) = match &chart {
             Hdf5Chart::Raster(raster) => (raster.bands(), raster.size()),
             Hdf5Chart::Decoded(decoded) => (decoded.bands(), decoded.size()),

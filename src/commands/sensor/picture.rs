@@ -172,6 +172,21 @@ fn colour(sensor: &Sensor, light: Illuminant) -> Result<DngColour> {
     })
 }
 
+/// Light of the neutral: the one given, else that of the film's chart, else D65, which a note says of a file in colour.
+fn neutral_light(args: &ExposeArgs, frame: &Frame, out: &Path, coloured: bool) -> Illuminant {
+    args.white.or_else(|| frame.light()).unwrap_or_else(|| {
+        let light = Illuminant::default();
+        if coloured {
+            log_line(format!(
+                "note: {}: the film does not record its chart's light; the neutral is that of {}; --white names another",
+                out.display(),
+                light.name()
+            ));
+        }
+        light
+    })
+}
+
 /// S and O of the noise profile: only of noises that are on. The variance is S·x + O of x = (DN − black)/(white − black), which contains the
 /// mean dark charge: S·x has its shot noise.
 fn noise_profile(job: &RawJob, seconds: f64) -> (f64, f64) {
@@ -222,7 +237,7 @@ fn convert(
                 out.display()
             ));
         }
-        let light = frame.light().unwrap_or_default();
+        let light = neutral_light(args, &frame, out, pattern.is_some());
         let dng = Dng {
             size: rect.size(),
             sensor: &sensor.name,

@@ -164,6 +164,40 @@ fn noise_profile_of_a_dng_is_that_of_its_dark_frame() {
     assert!(s * mean > 0.1 * o && (0.97..1.03).contains(&ratio), "{ratio}: S {s}, O {o}, mean {mean}");
 }
 
+/// The neutral is that of the light which the film records, of `--white`, or of D65 with a note.
+#[test]
+fn neutral_of_a_dng_is_that_of_the_charts_light() {
+    let place = Place::new();
+    let unknown = place.film_named("unknown.film", Size::new(64, 64), |_, _, _| 1e-3);
+    let incandescent = place.run("checker?size=64&pitch_um=2&wavelengths=450,550,650&illuminant=A");
+    let own = ["--sensor", "example-2um", "--exposure", "1ms"];
+    let dng = |name: &str, film: &Path, more: &[&str], words: &[&str]| {
+        let out = place.at(name);
+        let made = lenscube(&[&["sensor", text(film), text(&out)], &own[..], more].concat());
+        assert_exit(&made, 0, words);
+        assert_eq!(made.stderr.contains("does not record"), !words.is_empty());
+        neutral(&std::fs::read(&out).unwrap())
+    };
+    let d65 = dng("d65.dng", &unknown, &[], &["note: ", "d65.dng", "neutral is that of D65", "--white"]);
+    let a = dng("a.dng", &incandescent, &[], &[]);
+    assert!(a[0] / a[2] > 1.5 * d65[0] / d65[2], "{a:?} {d65:?}");
+    assert_eq!(dng("given-a.dng", &unknown, &["--white", "A"], &[]), a);
+    assert_eq!(dng("given-d65.dng", &incandescent, &["--white", "d65"], &[]), d65);
+    let flags = |out: &Path, white: &str| {
+        lenscube(&[&["sensor", text(&unknown), text(out)], &own[..], &["--white", white]].concat())
+    };
+    assert_exit(&flags(&place.at("raw.zarr"), "A"), USAGE, &["--white is the neutral of a .dng", "develop"]);
+    assert_exit(&flags(&place.at("f2.dng"), "F2"), USAGE, &["F2", "D65, A or E"]);
+}
+
+/// The tag AsShotNeutral (50728) of a little-endian DNG.
+fn neutral(bytes: &[u8]) -> [f64; 3] {
+    let tag = bytes.windows(4).position(|w| w == [0x28, 0xc6, 5, 0]).unwrap();
+    let long = |at: usize| u32::from_le_bytes(bytes[at..at + 4].try_into().unwrap());
+    let at = long(tag + 8) as usize;
+    std::array::from_fn(|k| f64::from(long(at + 8 * k)) / f64::from(long(at + 8 * k + 4)))
+}
+
 /// S and O of the tag NoiseProfile (51041) of a little-endian DNG.
 fn noise_profile(bytes: &[u8]) -> (f64, f64) {
     let tag = bytes.windows(4).position(|w| w == [0x61, 0xc7, 12, 0]).unwrap();

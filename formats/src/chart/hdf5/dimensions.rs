@@ -69,6 +69,28 @@ pub(super) fn names(
     Ok(sides.iter().map(only).collect())
 }
 
+/// Whether an array of this name may hold wavelengths.
+fn may_hold_wavelengths(name: &str) -> bool {
+    axis_of(name) == Some(0) || WAVELENGTH_NAMES.contains(&name)
+}
+
+/// Lengths of the lists that may hold wavelengths in the first of `groups` that has any.
+pub(super) fn wavelength_counts(groups: &[Group]) -> Result<Vec<usize>, Error> {
+    for group in groups {
+        let mut counts = Vec::new();
+        for (_, dataset) in group.iter_datasets()?.filter(|(name, _)| may_hold_wavelengths(name)) {
+            let shape = dataset.shape()?;
+            if shape.iter().filter(|n| **n != 1).count() <= 1 {
+                counts.extend(shape.iter().max().and_then(|n| usize::try_from(*n).ok()));
+            }
+        }
+        if !counts.is_empty() {
+            return Ok(counts);
+        }
+    }
+    Ok(Vec::new())
+}
+
 /// Wavelengths in nm of `bands` bands of the array `name`, if its group, those above it or its attributes hold them. The coordinate of the dimension
 /// `spectral` comes first, then `wavelength`, then others; of these, several that differ are an error.
 pub(super) fn wavelengths(
@@ -87,8 +109,7 @@ pub(super) fn wavelengths(
     };
     for group in groups {
         let mut candidates: Vec<(String, Dataset)> = guarded(path, || {
-            let holds_wavelengths = |n: &str| axis_of(n) == Some(0) || WAVELENGTH_NAMES.contains(&n);
-            Ok(group.iter_datasets()?.filter(|(n, _)| n != name && holds_wavelengths(n)).collect())
+            Ok(group.iter_datasets()?.filter(|(n, _)| n != name && may_hold_wavelengths(n)).collect())
         })?;
         candidates.sort_by_key(|(n, _)| (rank(n), n.clone()));
         for same_rank in candidates.chunk_by(|a, b| rank(&a.0) == rank(&b.0)) {

@@ -25,7 +25,7 @@ use crate::durable::DurableError;
 use pipeline::geometry::Size;
 
 /// Opens the array `requested` (empty: the only one) of the file at `path`; `axes` are its axes as h5py, xarray or MATLAB show them. Wavelengths in the file
-/// are not read if the caller `replaces_wavelengths`.
+/// are not read if the caller has `given_wavelengths`, so many.
 ///
 /// # Errors
 /// [`ChartError`] if the file is damaged, there is no such array, or it is not supported.
@@ -34,13 +34,13 @@ pub fn open(
     requested: &str,
     axes: Option<&AxisOrder>,
     nan: NanPolicy,
-    replaces_wavelengths: bool,
+    given_wavelengths: Option<usize>,
 ) -> Result<Hdf5Chart, ChartError> {
     let file = File::open(path).map_err(|e| DurableError::io("open", path, 0, e))?;
     let meta = file.metadata().map_err(|e| DurableError::io("look up", path, 0, e))?;
     let again = file.try_clone().map_err(|e| DurableError::io("open", path, 0, e))?;
     let hdf5 = guarded(path, || hdf5_pure::File::from_source(BoundedSource::new(again, meta.len())))?;
-    let variable = variables::select(path, &hdf5, requested)?;
+    let (variable, chosen) = variables::select(path, &hdf5, requested, given_wavelengths)?;
     let Variable { group, name, dataset } = &variable;
     let full_name = variable.full_name();
     let attributes = guarded(path, || dataset.attrs())?;
@@ -67,7 +67,14 @@ pub fn open(
                 );
                 return Err(header_error(path, "order of dimensions", expected, found));
             }
+            let by_sides = names.is_none() && axes.is_none() && sides.len() == 3;
+            let counts = match (by_sides, given_wavelengths) {
+                (false, _) => Vec::new(),
+                (true, Some(given)) => vec![given],
+                (true, None) => guarded(path, || dimensions::wavelength_counts(&groups))?,
+            };
             let order = axis_order(&sides, names.as_deref(), axes)
+                .and_then(|order| counts_tell_bands(&sides, &counts).map(|()| order))
                 .map_err(|(expected, found)| header_error(path, "order of dimensions", expected, found))?;
             let axis_names = names.as_ref().map_or_else(
                 || "without names of axes".into(),
@@ -77,10 +84,11 @@ pub fn open(
             (order, names, vec![note])
         }
     };
+    notes.extend(chosen);
     let shape = order.to_chart(&sides, 1);
     let spectral = order.axes().iter().position(|&axis| axis == 0);
     let spectral = names.as_deref().zip(spectral).map(|(names, k)| names[k].as_str());
-    let wavelengths_nm = match replaces_wavelengths {
+    let wavelengths_nm = match given_wavelengths.is_some() {
         true => None,
         false => dimensions::wavelengths(path, &groups, &attributes, (name, spectral), shape[0])?,
     };
@@ -148,6 +156,23 @@ fn sides(path: &Path, dataset: &Dataset) -> Result<Vec<usize>, ChartError> {
         .map(|&n| usize::try_from(n).ok().filter(|n| *n <= 1 << 40))
         .collect::<Option<_>>()
         .ok_or_else(|| header_error(path, "shape", "at most 2^40 along each axis", format!("{shape:?}")))
+}
+
+/// Fails if the numbers of wavelengths, `counts`, leave it open which axis of an array without names of axes is the spectral one, or fit another
+/// than the first.
+fn counts_tell_bands(sides: &[usize], counts: &[usize]) -> Result<(), (String, String)> {
+    for &count in counts.iter().filter(|n| **n > 1) {
+        let fitting: Vec<usize> = (0..sides.len()).filter(|&k| sides[k] == count).collect();
+        if !fitting.is_empty() && fitting != [0] {
+            let expected = "(wavelength, y, x), and as many wavelengths as the first side alone; give the axes of the array by --axes, e.g. \
+                            --axes y,x,wavelength, or --axes wavelength,x,y for MATLAB's (y, x, wavelength)";
+            return Err((
+                expected.into(),
+                format!("{sides:?} without names of axes, and {count} wavelengths"),
+            ));
+        }
+    }
+    Ok(())
 }
 
 /// Order of the axes of an array that MATLAB stored, with a note: its files hold the axes in reverse.

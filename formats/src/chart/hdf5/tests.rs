@@ -16,7 +16,7 @@ const SIZE: Size = Size::new(37, 41);
 const NM: [f64; 3] = [400.0, 410.0, 420.5];
 
 fn open(path: &Path, array: &str, axes: Option<&AxisOrder>, nan: NanPolicy) -> Result<Hdf5Chart, ChartError> {
-    super::open(path, array, axes, nan, false)
+    super::open(path, array, axes, nan, None)
 }
 
 fn fixture(name: &str) -> PathBuf {

@@ -5,6 +5,7 @@ use std::path::Path;
 use hdf5_pure::{Dataset, Error, File, Group};
 
 use super::super::error::ChartError;
+use super::dimensions;
 use super::guard::guarded;
 use super::sample_type;
 
@@ -50,8 +51,14 @@ pub(super) fn groups(file: &File, path: &str) -> Result<Vec<Group>, Error> {
     Ok(groups)
 }
 
-/// The array `requested`; if that is empty, the only array of three axes, else the only one of two.
-pub(super) fn select(path: &Path, file: &File, requested: &str) -> Result<Variable, ChartError> {
+/// The array `requested`; if that is empty, the only array of three axes, of several the only one with as many bands as there are wavelengths (then
+/// with a note), else the only one of two.
+pub(super) fn select(
+    path: &Path,
+    file: &File,
+    requested: &str,
+    given_wavelengths: Option<usize>,
+) -> Result<(Variable, Option<String>), ChartError> {
     let none = |requested: String, found: &[Variable]| {
         let mut list: Vec<String> = found.iter().take(MAX_LISTED).map(describe).collect();
         if found.len() > MAX_LISTED {
@@ -70,7 +77,7 @@ pub(super) fn select(path: &Path, file: &File, requested: &str) -> Result<Variab
     if !requested.is_empty() {
         let (group, name) = requested.rsplit_once('/').unwrap_or(("", requested));
         return match guarded(path, || file.dataset(requested)) {
-            Ok(dataset) => Ok(Variable { group: group.into(), name: name.into(), dataset }),
+            Ok(dataset) => Ok((Variable { group: group.into(), name: name.into(), dataset }, None)),
             Err(error @ (ChartError::Damaged { .. } | ChartError::Io(_))) => Err(error),
             Err(_) => Err(none(format!("{requested:?}"), &all()?)),
         };
@@ -82,7 +89,20 @@ pub(super) fn select(path: &Path, file: &File, requested: &str) -> Result<Variab
         let places: Vec<usize> = (0..all.len()).filter(|&k| rank(&all[k]) == axes).collect();
         match places[..] {
             [] => {}
-            [only] => return Ok(all.swap_remove(only)),
+            [only] => return Ok((all.swap_remove(only), None)),
+            _ if axes == 3 => {
+                let fitting = guarded(path, || with_wavelengths(file, &all, &places, given_wavelengths))?;
+                let [(only, count)] = fitting[..] else {
+                    return Err(none(format!("selected, and several have {words} axes"), &all));
+                };
+                let chosen = all.swap_remove(only);
+                let note = format!(
+                    "array {} is read: of {} with three axes it alone has a side of the {count} wavelengths",
+                    chosen.full_name(),
+                    places.len()
+                );
+                return Ok((chosen, Some(note)));
+            }
             _ => return Err(none(format!("selected, and several have {words} axes"), &all)),
         }
     }
@@ -91,9 +111,29 @@ pub(super) fn select(path: &Path, file: &File, requested: &str) -> Result<Variab
         (0..all.len()).filter(|&k| all[k].dataset.shape().is_ok_and(|s| s.len() == 3)).collect();
     match places[..] {
         [] => Err(none("of three or two axes".into(), &all)),
-        [only] => Ok(all.swap_remove(only)),
+        [only] => Ok((all.swap_remove(only), None)),
         _ => Err(none("selected, and several have three axes".into(), &all)),
     }
+}
+
+/// Those of the arrays at `places` that have a side as long as their list of wavelengths, or the one given, with that length.
+fn with_wavelengths(
+    file: &File,
+    all: &[Variable],
+    places: &[usize],
+    given: Option<usize>,
+) -> Result<Vec<(usize, usize)>, Error> {
+    let mut fitting = Vec::new();
+    for &k in places {
+        let counts = match given {
+            Some(given) => vec![given],
+            None => dimensions::wavelength_counts(&groups(file, &all[k].group)?)?,
+        };
+        let sides = all[k].dataset.shape()?;
+        let fits = |count: &&usize| **count > 1 && sides.contains(&(**count as u64));
+        fitting.extend(counts.iter().find(fits).map(|count| (k, *count)));
+    }
+    Ok(fitting)
 }
 
 /// Name, shape and sample type, for messages.

@@ -85,7 +85,7 @@ fn coordinate_of_another_unit_is_not_read_where_the_caller_gives_wavelengths() {
             .set_attr("units", AttrValue::String("Angstrom".into()));
     });
     assert!(nm_of(&path).unwrap_err().contains("Angstrom"));
-    let chart = super::super::open(&path, "cube", None, NanPolicy::Error, true).unwrap();
+    let chart = super::super::open(&path, "cube", None, NanPolicy::Error, Some(3)).unwrap();
     assert_eq!(wavelengths(&chart), None);
 }
 
@@ -131,16 +131,64 @@ fn dimensions_are_those_of_the_groups_above_and_without_names_an_error() {
     }
 }
 
+/// A file with cubes of these names and shapes and three wavelengths.
+fn cubes(cubes: &[(&str, [u64; 3])]) -> (tempfile::TempDir, PathBuf) {
+    written(|file| {
+        for (name, shape) in cubes {
+            let values = vec![1.0; shape.iter().product::<u64>() as usize];
+            file.create_dataset(name).with_f32_data(&values).with_shape(shape);
+        }
+        list(file, "wavelength", [450.0, 550.0, 650.0]);
+    })
+}
+
+#[test]
+fn array_that_fits_the_wavelengths_is_chosen() {
+    let (_dir, path) = cubes(&[("rad", [3, 4, 5]), ("rgb", [2, 4, 5])]);
+    let Hdf5Chart::Raster(chart) = open(&path, "", None, NanPolicy::Error).unwrap() else {
+        panic!("the array is contiguous")
+    };
+    assert_eq!((chart.bands(), chart.size()), (3, Size::new(4, 5)));
+    let said = chart
+        .notes()
+        .iter()
+        .any(|n| n.contains("array rad is read: of 2") && n.contains("the 3 wavelengths"));
+    assert!(said, "{:?}", chart.notes());
+    let given = super::super::open(&path, "", None, NanPolicy::Error, Some(2)).unwrap();
+    let Hdf5Chart::Raster(chart) = given else { panic!("the array is contiguous") };
+    assert_eq!(chart.bands(), 2);
+    let (_dir, path) = cubes(&[("a", [3, 4, 5]), ("b", [3, 4, 5]), ("c", [2, 4, 5])]);
+    let error = open(&path, "", None, NanPolicy::Error).unwrap_err().to_string();
+    assert!(error.contains("several have three axes") && error.contains("--var"), "{error}");
+}
+
+#[test]
+fn axes_that_the_sides_do_not_tell_are_asked_for() {
+    for shape in [[4, 5, 3], [5, 3, 4], [3, 3, 4], [3, 4, 3]] {
+        let (_dir, path) = cubes(&[("cube", shape)]);
+        let error = open(&path, "cube", None, NanPolicy::Error).unwrap_err().to_string();
+        let shown = format!("{shape:?}");
+        assert!(
+            [&shown, "3 wavelengths", "--axes y,x,wavelength"].iter().all(|w| error.contains(*w)),
+            "{error}"
+        );
+        let axes = "y,x,wavelength".parse().unwrap();
+        open(&path, "cube", Some(&axes), NanPolicy::Error).unwrap();
+    }
+    let (_dir, path) = cubes(&[("cube", [3, 4, 5])]);
+    open(&path, "cube", None, NanPolicy::Error).unwrap();
+}
+
 #[test]
 fn only_array_of_three_axes_may_have_one_band() {
     let (_dir, path) = written(|file| {
-        file.create_dataset("cube").with_f32_data(&[1.0; 6]).with_shape(&[1, 2, 3]);
+        file.create_dataset("cube").with_f32_data(&[1.0; 8]).with_shape(&[1, 2, 4]);
         list(file, "wavelength", [450.0, 550.0, 650.0]);
     });
     let Hdf5Chart::Raster(chart) = open(&path, "", None, NanPolicy::Error).unwrap() else {
         panic!("the array is contiguous")
     };
-    assert_eq!((chart.bands(), chart.size()), (1, Size::new(2, 3)));
+    assert_eq!((chart.bands(), chart.size()), (1, Size::new(2, 4)));
 }
 
 #[test]
