@@ -1,6 +1,7 @@
 """Commands in a Markdown document: lines of indented and fenced blocks, and code in the text that begins with a program's name."""
 import ast
 import re
+import tomllib
 from dataclasses import dataclass
 
 # Programs whose use in the text, as `lenscube status film.zarr`, is a command.
@@ -42,8 +43,16 @@ def is_python(lines):
         return False
 
 
+def is_toml(lines):
+    try:
+        tomllib.loads("\n".join(lines))
+        return True
+    except tomllib.TOMLDecodeError:
+        return False
+
+
 def commands(text):
-    """The commands of a document in its order; a block of Python is one. Fails where a block is neither shell nor Python."""
+    """The commands of a document in its order; a block of Python is one, a block of TOML has none. Fails where a block is something else."""
     found, inside = [], set()
     for first, lines in blocks(text):
         inside.update(range(first, first + len(lines)))
@@ -51,8 +60,8 @@ def commands(text):
             found += [Command(first + i, line, "shell") for i, line in enumerate(lines) if line]
         elif is_python(lines):
             found.append(Command(first, "\n".join(lines), "python"))
-        else:
-            raise ValueError(f"line {first}: a block that is neither shell nor Python: {lines[0]}")
+        elif not is_toml(lines):
+            raise ValueError(f"line {first}: a block that is neither shell, Python nor TOML: {lines[0]}")
     for number, line in enumerate(text.splitlines(), 1):
         if number not in inside:
             spans = [s for s in re.findall(r"`([^`]+)`", line) if s.split()[0] in PROGRAMS and len(s.split()) > 1]
