@@ -141,6 +141,7 @@ PAGES = {
     "depth.md": ["scene.zarr", "MY.zmx", "render.exr", "depth.npy", "behind.zarr"],
     "films.md": ["chart.zarr"],
     "lenses.md": ["MY.zmx", "chart.zarr", "tables"],
+    "light.md": ["chart.zarr"],
 }
 
 
