@@ -7,6 +7,7 @@ use crate::depth::DepthStage;
 use crate::depth::plan::{DepthPlan, Surfaces};
 use crate::field::Outside;
 use crate::geometry::{Frame, Rect};
+use crate::layer::Layer;
 use crate::lens::{Lens, LensBand, LensError, PsfStack, linear};
 use crate::options::PsfTables;
 pub use crate::options::{Options, PsfBetween};
@@ -115,6 +116,8 @@ pub struct BandStages {
     pub psf: Option<BandPsf>,
     /// Depth stage, which replaces the others.
     pub depth: Option<DepthStage>,
+    /// Smooth light that is added to finished shards, in this order.
+    pub layers: Vec<Layer>,
 }
 
 impl BandPlan {
@@ -232,7 +235,7 @@ impl BandPlan {
                 Some(BandPsf::new(position, grid.clone(), kernels, options.simd))
             }
         };
-        Ok(BandStages { remap, psf, depth: None })
+        Ok(BandStages { remap, psf, depth: None, layers: Vec::new() })
     }
 
     /// The depth stage of this band of `lens`, the `position`-th of the job. `reader` reads a PSF of a depth node when a kernel of it is needed;
@@ -255,7 +258,7 @@ impl BandPlan {
         let plan = self.depth.as_ref().expect("planned with depth");
         let tables = (&lens.bands[band], nodes, lens.psf_sample);
         let depth = plan.stage(position, frame, tables, options, gain, reader);
-        BandStages { remap, psf: None, depth: Some(depth) }
+        BandStages { remap, psf: None, depth: Some(depth), layers: Vec::new() }
     }
 }
 

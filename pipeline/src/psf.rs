@@ -30,7 +30,7 @@ pub mod portable;
 #[cfg(target_arch = "x86_64")]
 mod simd;
 pub mod spectra;
-mod spline;
+pub(crate) mod spline;
 
 pub use block_view::{BlockView, Spectra};
 

@@ -8,7 +8,7 @@ pub use compute::Compute;
 pub use description::{Cost, DESCRIPTIONS, Description, default_stages, described};
 
 use crate::band::{BandPlan, BandStages};
-use crate::buffer::TileBuffer;
+use crate::buffer::{ShardPixels, TileBuffer};
 use crate::clock::{Clock, Phase};
 use crate::cuda::memory::QueueMemory;
 use crate::cuda::{CudaError, Device};
@@ -88,6 +88,10 @@ impl Compute for StageCompute<'_> {
             None => out.copy(remapped, tile.width),
         });
         Ok(())
+    }
+
+    fn finish(&self, band: &BandStages, rect: Rect, pixels: &mut ShardPixels) {
+        band.layers.iter().for_each(|layer| layer.add(rect, pixels));
     }
 
     fn chart_hint(&self, band: &BandStages, chart: Size, tile: Rect) -> Rect {

@@ -43,11 +43,11 @@ struct ShardRow {
 }
 
 /// Receives the events of a portion.
-pub(super) trait PortionEvents {
+pub(super) trait PortionEvents<B> {
     /// A buffer for a strip of a shard.
     fn strip(&self) -> Vec<f32>;
-    /// A shard is complete.
-    fn finished(&self, shard: FinishedShard);
+    /// A shard of a band with these stages is complete.
+    fn finished(&self, stages: &B, shard: FinishedShard);
     /// All shards of a row are finished or discarded: its sequence number.
     fn row_done(&self, sequence: usize);
 }
@@ -88,7 +88,7 @@ impl<B> Portion<B> {
         tile: (usize, usize),
         work: &BandWork,
         regions: &[FilmRegion],
-        events: &dyn PortionEvents,
+        events: &dyn PortionEvents<B>,
     ) -> Vec<ShardId> {
         let position = self.batch.band.position;
         let mut ids = shards_reached(&work.tiling, regions, &work.shards, position, tile);
@@ -108,7 +108,7 @@ impl<B> Portion<B> {
     }
 
     /// Ends the portion at the film row `end`: the run was cancelled. The rows of shards beyond are done without any shard.
-    pub(super) fn end_at(&self, end: i64, events: &dyn PortionEvents) {
+    pub(super) fn end_at(&self, end: i64, events: &dyn PortionEvents<B>) {
         self.end.store(end, Ordering::SeqCst);
         for (row, (sequence, _)) in self.rows.iter().zip(self.batch.items()) {
             if row.bottom > end {
@@ -128,7 +128,7 @@ impl<B> Portion<B> {
     }
 
     /// Copies `values` of the film rectangle `rect` to the shards.
-    pub(super) fn place(&self, rect: Rect, values: &[f32], events: &dyn PortionEvents) {
+    pub(super) fn place(&self, rect: Rect, values: &[f32], events: &dyn PortionEvents<B>) {
         for (id, shard) in &self.shards {
             let common = shard.rect.intersect(rect);
             if common.is_empty() {
@@ -150,13 +150,14 @@ impl<B> Portion<B> {
             let finished = guard.take();
             drop(guard);
             if let Some((pixels, _)) = finished {
-                events.finished(FinishedShard { id: *id, rect: shard.rect, pixels });
+                let finished = FinishedShard { id: *id, rect: shard.rect, pixels };
+                events.finished(&self.batch.band.stages, finished);
             }
             self.shard_done(shard.row, events);
         }
     }
 
-    fn shard_done(&self, row: usize, events: &dyn PortionEvents) {
+    fn shard_done(&self, row: usize, events: &dyn PortionEvents<B>) {
         if self.rows[row].left.fetch_sub(1, Ordering::SeqCst) == 1 {
             events.row_done(self.batch.sequence + row);
         }

@@ -75,6 +75,8 @@ impl<C: Compute, S: FilmSink> RunState<'_, C, S> {
                         break;
                     }
                 }
+                // A band that is stopped while it is prepared.
+                Err(_) if self.work.cancel.load(Ordering::Relaxed) => break,
                 Err(source) => self.fail(RunError::Prepare { position, source }),
             }
         }
@@ -134,14 +136,20 @@ impl<C: Compute, S: FilmSink> RunState<'_, C, S> {
     }
 
     /// Submits a tile, to be added in order. The shards that it completes are queued for writing when this returns.
-    pub(super) fn submit(&self, place: TileId, output: TileOutput) {
-        let finished = |shard| self.writer.push(shard);
+    pub(super) fn submit(&self, band: &C::Band, place: TileId, output: TileOutput) {
+        let finished = |shard| self.finish(band, shard);
         let added = |place: TileId, pixels| {
             self.progress.tile(place.position, pixels);
             self.source.item_done(place.sequence);
         };
         self.adder.submit(place, output, &finished, &added);
         self.source.tile_submitted();
+    }
+
+    /// Completes a shard of `band` to which all tiles are added, and queues it for writing.
+    fn finish(&self, band: &C::Band, mut shard: FinishedShard) {
+        self.compute.finish(band, shard.rect, &mut shard.pixels);
+        self.writer.push(shard);
     }
 
     /// Fails because the chart under `tile`, which reaches `shards`, could not be read.
@@ -171,12 +179,12 @@ impl<C: Compute, S: FilmSink> RunState<'_, C, S> {
     }
 }
 
-impl<C: Compute, S: FilmSink> PortionEvents for RunState<'_, C, S> {
+impl<C: Compute, S: FilmSink> PortionEvents<C::Band> for RunState<'_, C, S> {
     fn strip(&self) -> Vec<f32> {
         self.adder.strip()
     }
-    fn finished(&self, shard: FinishedShard) {
-        self.writer.push(shard);
+    fn finished(&self, band: &C::Band, shard: FinishedShard) {
+        self.finish(band, shard);
     }
     fn row_done(&self, sequence: usize) {
         self.source.item_done(sequence);

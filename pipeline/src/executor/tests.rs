@@ -84,6 +84,7 @@ impl Compute for Ones<'_> {
         out.copy(&vec![1.0; height * width], width);
         Ok(())
     }
+    fn finish(&self, _band: &(), _rect: Rect, _pixels: &mut ShardPixels) {}
     fn chart_hint(&self, _band: &(), _chart: Size, tile: Rect) -> Rect {
         tile
     }

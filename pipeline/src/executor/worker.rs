@@ -99,7 +99,7 @@ impl<C: Compute, S: FilmSink> RunState<'_, C, S> {
                 TileOutput::Unreadable
             }
         };
-        self.submit(TileId { position: band.position, sequence: batch.sequence, tile }, output);
+        self.submit(&band.stages, TileId { position: band.position, sequence: batch.sequence, tile }, output);
     }
 
     fn read_for_gpu(&self, read: ChartRead<C::Band>, scratch: &mut C::Scratch) {

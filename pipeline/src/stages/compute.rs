@@ -3,7 +3,7 @@
 //! [`super::StageCompute`] implements [`Compute`]; [`Compute::begin_on_gpu`] opens the same band on a GPU, whose batches
 //! the executor's GPU queue schedules.
 
-use crate::buffer::TileBuffer;
+use crate::buffer::{ShardPixels, TileBuffer};
 use crate::clock::Clock;
 use crate::cuda::memory::QueueMemory;
 use crate::cuda::{CudaError, Device};
@@ -48,6 +48,9 @@ pub trait Compute: Sync {
         scratch: &mut Self::Scratch,
         clock: &Clock,
     ) -> Result<(), SourceSinkError>;
+
+    /// Adds to the pixels of a shard on the film rectangle `rect` what is added once, after the contributions of all tiles.
+    fn finish(&self, band: &Self::Band, rect: Rect, pixels: &mut ShardPixels);
 
     /// Approximate rectangle of a chart of size `chart` under the film rectangle `tile`, for prefetching.
     fn chart_hint(&self, band: &Self::Band, chart: Size, tile: Rect) -> Rect;
