@@ -5,6 +5,7 @@
 //! film/                        (wavelength, y, x), f32 or f16, fill NaN; or roi_0/, roi_1/, … for regions of the film
 //! film/c/BAND/ROW/COLUMN       a shard: see module `shard`
 //! invented/                    (wavelength, y, x), f16: share of invented light per block of pixels; or roi_0_invented/, …: see module `invented`
+//! veil/                        (wavelength, y, x), f32: light beside the image on bins of pixels; also veil_tail/: see module `layers`
 //! wavelength/                  f64, nm
 //! y/, x/                       f64, mm from the optical axis, y down; or roi_0_y/, roi_0_x/, …
 //! pyramid/                     smaller levels, on request: see module `pyramid`
@@ -24,6 +25,7 @@
 //! | `sample`, `shard`, `chunk`, `codec` | "float32" or "float16"; sides in pixels; "none", "lz4" or "zstd" |
 //! | `keep_bits` | bits of the mantissa that samples are rounded to; absent: all |
 //! | `has_invented` | true: the share of invented light is stored; absent: nothing was invented |
+//! | `layers` | `name`, `bin_px`, `margin_bins`, `share_taken`, `parts` of each layer of light; absent: none |
 //! | `provenance` | of the caller; `job_digest` and `layout_digest` identify the job |
 //! | `attributes_digest` | BLAKE3 digest of the attributes above |
 //! | `ome` | OME-Zarr metadata, if there is a pyramid |
@@ -33,6 +35,7 @@
 
 mod engines;
 mod invented;
+mod layers;
 mod levels;
 mod memory;
 mod ome;
@@ -42,6 +45,7 @@ mod store;
 mod verify;
 
 pub use crate::shard::{Codec, SampleType};
+pub use layers::FilmLayer;
 pub use shards::EncodedShard;
 pub use spec::FilmSpec;
 pub use store::FilmStore;

@@ -13,7 +13,7 @@
 //! `interrupt` and `terminate` are as above.
 //! `any` does not include them. Points: `film-opened`, `job-ready` (chart opened, lens traced), `locked`, `tiles-begin`, `commit`
 //! (before the film's identity is checked), `commit-checked` (after that, before the write), `film-removed` (`--overwrite`,
-//! before the new film is created), `shards-made` (before the end of the run is reported), `verified`, `shard-aside`
+//! before the new film is created), `layer-made` and `layer-committed` (a layer of light of a band), `shards-made` (before the end of the run is reported), `verified`, `shard-aside`
 //! (`verify --repair`); `export-reads` (each part of the chart); of `sensor`: `raw-removed` (`--overwrite`), `shards-begin`,
 //! `file-begins` (the raw is complete, its DNG, TIFF or PNG is not).
 

@@ -7,6 +7,7 @@ use pipeline::geometry::{Rect, Size};
 use pipeline::tiling::FilmRegion;
 use serde_json::{Map, Value, json};
 
+use super::layers::{FilmLayer, LAYER_NAMES};
 use crate::group::{Derived, GroupError, GroupKind, Output};
 use crate::hierarchy::{array, coordinate};
 use crate::shard::{Codec, SampleType, shard_grid, sharding_metadata};
@@ -38,6 +39,8 @@ pub struct FilmSpec {
     pub keep_bits: Option<u32>,
     /// Whether the share of invented light is stored ([`super::FilmStore::encode_invented`]).
     pub has_invented: bool,
+    /// Layers of light that are stored and added to its shards, in the order in which they are added.
+    pub layers: Vec<FilmLayer>,
 }
 
 impl FilmSpec {
@@ -61,6 +64,7 @@ impl FilmSpec {
             codec: Codec::default(),
             keep_bits: None,
             has_invented: false,
+            layers: Vec::new(),
         }
     }
 
@@ -112,6 +116,7 @@ impl FilmSpec {
             return invalid("keep_bits", "1 or more, and fewer than the sample type has", bits.to_string());
         }
         self.check_bounds()?;
+        self.check_layers()?;
         for (k, o) in self.outputs.iter().enumerate() {
             let is_placed = |at: i64| (0..=bounds::FILM_SIDE_PX.max as i64).contains(&at);
             if !is_placed(o.rect.y) || !is_placed(o.rect.x) || !self.film.rect().contains(o.rect) {
@@ -122,8 +127,9 @@ impl FilmSpec {
                 );
             }
             let valid = o.name.chars().all(|c| c.is_ascii_alphanumeric() || c == '_');
-            let reserved =
-                ["wavelength", "x", "y"].contains(&o.name.as_str()) || o.name.ends_with("invented");
+            let reserved = ["wavelength", "x", "y"].contains(&o.name.as_str())
+                || LAYER_NAMES.contains(&o.name.as_str())
+                || o.name.ends_with("invented");
             if o.name.is_empty() || !valid || reserved || self.outputs[..k].iter().any(|p| p.name == o.name) {
                 return invalid(
                     "output name",
@@ -177,12 +183,16 @@ impl FilmSpec {
         all
     }
 
-    /// Name and Zarr metadata of the outputs, and of their shares of invented light.
+    /// Name and Zarr metadata of the outputs, of their shares of invented light, and of the layers.
     pub(super) fn arrays(&self) -> Vec<(String, Value)> {
         let outputs = self.outputs.iter().map(|o| (o.name.clone(), self.array(o, o.rect.size())));
         let invented = (0..self.outputs.len()).filter(|_| self.has_invented);
         outputs
             .chain(invented.map(|output| (self.invented_name(output), self.invented_array(output))))
+            .chain(
+                (0..self.layers.len())
+                    .map(|layer| (self.layers[layer].name.clone(), self.layer_array(layer))),
+            )
             .collect()
     }
 
@@ -222,6 +232,9 @@ impl FilmSpec {
         }
         if self.has_invented {
             attributes["has_invented"] = true.into();
+        }
+        if !self.layers.is_empty() {
+            attributes["layers"] = self.layers.iter().map(FilmLayer::to_json).collect();
         }
         attributes
     }
@@ -264,6 +277,12 @@ impl FilmSpec {
                 has_invented: match a.get("has_invented") {
                     None => false,
                     Some(_) => get(&a, "has_invented")?,
+                },
+                layers: match a.get("layers") {
+                    None => Vec::new(),
+                    Some(layers) => {
+                        layers.as_array()?.iter().map(FilmLayer::from_json).collect::<Option<_>>()?
+                    }
                 },
             })
         };

@@ -72,7 +72,7 @@ impl FilmStore {
                 return Default::default();
             };
             let invented = spec.all_shards().filter(|_| spec.has_invented);
-            let invented = invented.map(|(o, b, s)| spec.invented_key(o, b, s));
+            let invented = invented.map(|(o, b, s)| spec.invented_key(o, b, s)).chain(spec.layer_keys());
             let shards = spec.all_shards().map(|(o, b, s)| spec.key(o, b, s)).chain(invented).collect();
             let coordinates = spec.coordinates().into_iter().map(|(name, _)| name);
             (shards, spec.arrays().into_iter().map(|(name, _)| name).chain(coordinates).collect())

@@ -1,5 +1,6 @@
 //! Creation, writing and verification of films.
 
+mod layers;
 mod pyramid;
 mod replaced;
 mod url;

@@ -1,4 +1,4 @@
-//! Verification of a film: consistent metadata; every shard present, intact, and with finite pixels; the invented shares beside it.
+//! Verification of a film: consistent metadata; every shard present, intact, and with finite pixels; the invented shares and layers beside it.
 
 use super::store::FilmStore;
 use crate::group::{GroupError, VerifyReport};
@@ -14,24 +14,28 @@ impl FilmStore {
         let files = self.shard_files();
         let (bytes, of_shards) = self.group.check_files(&files, threads, progress)?;
         let (share_bytes, of_shares) = self.check_invented()?;
+        let (layer_bytes, of_layers_of_light) = self.check_layers()?;
         let of_metadata = self.group.check_derived(&self.spec.derived())?;
         let (level_bytes, of_levels) = self.pyramid().check(threads)?;
         self.group.check_in_place()?;
         Ok(VerifyReport {
             shards: files.len(),
-            bytes: bytes + share_bytes + level_bytes,
-            findings: [of_metadata, of_shards, of_shares, of_levels].concat(),
+            bytes: bytes + share_bytes + layer_bytes + level_bytes,
+            findings: [of_metadata, of_shards, of_shares, of_layers_of_light, of_levels].concat(),
             temp: self.group.store.temp_files()?,
         })
     }
 
     /// Removes a shard (of the film or its pyramid) that a check found to be bad, unless it is intact by now. Returns whether it did. With a bad chunk of
-    /// the array `invented` the shard beside it is removed: a run writes both.
+    /// the array `invented` the shard beside it is removed: a run writes both; with a bad chunk of a layer all shards of its band.
     ///
     /// # Errors
     /// [`GroupError::Storage`] if it cannot be read or removed; as [`crate::group::JobGroup::check_in_place`].
     pub fn remove_bad(&self, key: &str) -> Result<bool, GroupError> {
         if let Some(removed) = self.remove_bad_invented(key)? {
+            return Ok(removed);
+        }
+        if let Some(removed) = self.remove_bad_layer(key)? {
             return Ok(removed);
         }
         let mut files = self.shard_files().into_iter().chain(self.pyramid().shard_files());

@@ -227,6 +227,19 @@ pub enum GroupError {
         /// Its path.
         path: PathBuf,
     },
+    /// A stored layer of light is damaged.
+    #[error(
+        "reading {key} of {film}: {reason}; `lenscube verify {film} --repair` removes it with the shards of its band",
+        film = .film.display()
+    )]
+    Layer {
+        /// The film.
+        film: PathBuf,
+        /// Key of the chunk.
+        key: String,
+        /// The defect.
+        reason: String,
+    },
     /// The codec failed.
     #[error("encoding a shard: {reason}")]
     Codec {

@@ -38,7 +38,9 @@ fn is_array_name(kind: GroupKind, name: &str) -> bool {
     let invented = kind == GroupKind::Film && name.strip_suffix("_invented").is_some_and(region);
     let coordinate = name.strip_suffix("_y").or_else(|| name.strip_suffix("_x"));
     let own = match kind {
-        GroupKind::Film => matches!(name, "film" | "invented" | "wavelength" | "y" | "x"),
+        GroupKind::Film => {
+            matches!(name, "film" | "invented" | "veil" | "veil_tail" | "wavelength" | "y" | "x")
+        }
         GroupKind::Raw => matches!(name, "raw" | "signal" | "frame" | "exposure_s" | "y" | "x"),
     };
     own || invented || region(name) || coordinate.is_some_and(region)
@@ -76,6 +78,8 @@ mod tests {
             "zarr.json",
             "film/zarr.json",
             "film/c/0/1/2",
+            "veil/c/3/0/0",
+            "veil_tail/zarr.json",
             "wavelength/c/0",
             "roi_12/c/0/0/0",
             "roi_12_y/c/0",
