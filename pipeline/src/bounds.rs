@@ -62,6 +62,12 @@ pub const RADIUS_UM: Bound = bound("the radius", "µm", 0.0, 1e6);
 pub const MAGNIFICATION: Bound = bound("the magnification", "", -1e6, 1e6);
 /// Shift of the image plane from its focus, mm.
 pub const DEFOCUS_MM: Bound = bound("the defocus", "mm", -1e5, 1e5);
+/// Shoulder of scattered light on the film, µm.
+pub const SCATTER_SHOULDER_UM: Bound = bound("r0 of scatter", "µm", 1.0, 1e6);
+/// Slope of scattered light with distance: polished surfaces have 1 to 3; above 1, so that the light within a distance is finite.
+pub const SCATTER_SLOPE: Bound = bound("the slope of scatter", "", 1.000_001, 4.0);
+/// Reach of scattered light on the film, mm.
+pub const SCATTER_REACH_MM: Bound = bound("the reach of scatter", "mm", 1e-6, 1e5);
 /// Relative illumination, 1 on the axis: pupils that grow with the field reach 2 or 3.
 pub const RELATIVE_ILLUMINATION: Bound = bound("the relative illumination", "", 0.0, 100.0);
 /// Projected solid angle of the pupil in sr, π·NA²: at most that of F-number 0.2, at least that of a pinhole.

@@ -11,6 +11,7 @@
 //! | SVPSF | contribution = Σ_nodes (weight_node · remapped) ∗ kernel_node | [`psf`] |
 //! | depth | in place of remap and SVPSF, for surfaces at several distances | [`depth`] |
 //! | overlap-add | shard += contribution, in tile order for each shard | [`executor`] |
+//! | layers | finished shard += smooth light that was computed before the tiles | [`layer`], [`reduced_chart`] |
 //! | encode, commit | shards that no later tile reaches | [`executor`], [`flow`] |
 //!
 //! gain converts the chart's radiance to the film's unit (1 for a relative film; transmission and solid angle of the lens for an irradiance).
@@ -92,12 +93,14 @@ pub mod field;
 pub mod figures;
 pub mod flow;
 pub mod geometry;
+pub mod layer;
 pub mod lens;
 pub mod lru;
 pub mod measure;
 pub mod options;
 pub mod psf;
 pub mod real;
+pub mod reduced_chart;
 pub mod reflectance;
 pub mod remap;
 pub mod resample;
@@ -106,5 +109,6 @@ pub mod simd;
 pub mod stage;
 pub mod stages;
 pub mod tiling;
+pub mod veil;
 pub mod wavelengths;
 mod words;

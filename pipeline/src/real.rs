@@ -5,7 +5,9 @@
 //! `disallowed_methods` rejects the others in this crate); + − × ÷, the square root and rounding are exact in IEEE 754. One exception
 //! depends on the host: the roots of unity of rustfft, computed in f64; the PSF stage rounds them to f32.
 
-pub use libm::{asin, atan, atan2, cbrt, cos, exp, hypot, log10, pow, sin, sincos as sin_cos, tan};
+pub use libm::{
+    asin, atan, atan2, cbrt, cos, exp, expm1, hypot, log1p, log10, pow, sin, sincos as sin_cos, tan,
+};
 
 #[cfg(test)]
 mod tests {

@@ -9,6 +9,8 @@ pub enum Stage {
     Distortion,
     /// Spatially variant PSF.
     Svpsf,
+    /// Scatter and veiling glare.
+    Veil,
 }
 
 impl Stage {
@@ -31,6 +33,11 @@ impl Stages {
             i += 1;
         }
         Self(set)
+    }
+
+    /// These and `stage`.
+    pub const fn with(self, stage: Stage) -> Self {
+        Self(self.0 | 1 << stage as u32)
     }
 
     /// These without `stage`.

@@ -56,7 +56,13 @@ impl<'a> Map<'a> {
     /// Chart row, chart column and gain (R × film units) of the film pixel (y, x).
     #[inline]
     pub(crate) fn at(&self, y: i64, x: i64) -> (f64, f64, f64) {
-        let (dy, dx) = (y as f64 - self.axis_px.0, x as f64 - self.axis_px.1);
+        self.at_place(y as f64, x as f64)
+    }
+
+    /// As [`Map::at`], between film pixels.
+    #[inline]
+    pub(crate) fn at_place(&self, y: f64, x: f64) -> (f64, f64, f64) {
+        let (dy, dx) = (y - self.axis_px.0, x - self.axis_px.1);
         let (magnification, gain) = self.field.at((dy * dy + dx * dx).sqrt());
         let row = self.offset.0 + dy * magnification * self.per_scale.0;
         let col = self.offset.1 + dx * magnification * self.per_scale.1;

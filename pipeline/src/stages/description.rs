@@ -9,6 +9,9 @@ use crate::stage::{Stage, Stages};
 /// Seconds per PSF sample of making a band's kernels, from 1.6 s for 21 million samples of 31 traced bands.
 const KERNEL_S: f64 = 76e-9;
 
+/// Adding a layer to a film pixel, ns.
+const LAYER_NS: f64 = 0.8;
+
 /// One stage.
 #[derive(Debug)]
 pub struct Description {
@@ -20,6 +23,8 @@ pub struct Description {
     pub help: &'static str,
     /// Whether it is applied without `--stages`.
     pub on_by_default: bool,
+    /// Flags of its own that switch it on, in place of `--stages`; empty: it has none.
+    pub flags: &'static str,
     /// Whether an identity names it also where it is off. A later stage is absent there: films without it keep their digests.
     pub always_in_identity: bool,
     /// Whether GPUs compute it; else a job with it is computed on the CPU.
@@ -46,7 +51,7 @@ pub struct Cost {
 }
 
 /// All stages, in the order in which light passes them.
-pub static DESCRIPTIONS: [Description; 3] = [
+pub static DESCRIPTIONS: [Description; 4] = [
     Description { stage: Stage::Ri, name: "ri", help: "Relative illumination", ..OF_REMAP },
     Description { stage: Stage::Distortion, name: "distortion", help: "Radial distortion", ..OF_REMAP },
     Description {
@@ -54,6 +59,7 @@ pub static DESCRIPTIONS: [Description; 3] = [
         name: "svpsf",
         help: "Spatially variant PSF",
         on_by_default: true,
+        flags: "",
         always_in_identity: true,
         on_gpus: true,
         with_depth: true,
@@ -71,6 +77,19 @@ pub static DESCRIPTIONS: [Description; 3] = [
             Cost { pixel_ns: blocks.cost_ns(grid), band_s: samples as f64 * KERNEL_S }
         },
     },
+    Description {
+        stage: Stage::Veil,
+        name: "veil",
+        help: "Scatter and veiling glare",
+        on_by_default: false,
+        flags: "--veiling-glare, --scatter",
+        always_in_identity: false,
+        on_gpus: true,
+        with_depth: false,
+        // A layer: its memory and the cost of making it are those of the job's layers.
+        cost: |_| Cost { pixel_ns: LAYER_NS, band_s: 0.0 },
+        ..OF_REMAP
+    },
 ];
 
 /// A stage of the remap stage, which needs nothing more for it.
@@ -79,6 +98,7 @@ const OF_REMAP: Description = Description {
     name: "",
     help: "",
     on_by_default: true,
+    flags: "",
     always_in_identity: true,
     on_gpus: true,
     with_depth: true,
@@ -115,7 +135,9 @@ mod tests {
     #[test]
     fn a_set_has_the_stages_that_it_was_made_of() {
         let all = default_stages();
-        assert!(DESCRIPTIONS.iter().all(|d| all.has(d.stage)));
+        assert!(DESCRIPTIONS.iter().all(|d| all.has(d.stage) == d.flags.is_empty()));
+        let with = all.with(Stage::Veil);
+        assert!(DESCRIPTIONS.iter().all(|d| with.has(d.stage)) && with.without(Stage::Veil) == all);
         let without = all.without(Stage::Svpsf);
         assert!(without.has(Stage::Ri) && without.has(Stage::Distortion) && !without.has(Stage::Svpsf));
         assert_eq!(Stages::of(&[Stage::Ri, Stage::Distortion]), without);
