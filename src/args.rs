@@ -30,6 +30,7 @@ mod status;
 mod tracing;
 mod validate;
 mod values;
+mod veil;
 pub mod version;
 mod work;
 
@@ -65,6 +66,7 @@ pub use status::{StatusArgs, VerifyArgs};
 pub use tracing::TracingArgs;
 pub use validate::{Quantity, ValidateArgs};
 pub use values::{band_indices, size_order_note};
+pub use veil::BinArg;
 pub use work::{PlanArgs, ProgressArg, RunCommand};
 
 use crate::failure::usage;

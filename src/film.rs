@@ -218,7 +218,7 @@ pub fn differences(recorded: &Map<String, Value>, requested: &Map<String, Value>
 /// `recorded` with what is part of the identity from `requested`.
 fn recorded_with_identity(recorded: &FilmSpec, requested: &FilmSpec) -> FilmSpec {
     let FilmSpec { keep_bits, has_invented, .. } = *requested;
-    FilmSpec { keep_bits, has_invented, ..recorded.clone() }
+    FilmSpec { keep_bits, has_invented, layers: requested.layers.clone(), ..recorded.clone() }
 }
 
 /// As [`differences`], of layout, units and wavelengths.

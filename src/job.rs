@@ -21,6 +21,7 @@ mod frame;
 mod identity;
 mod inputs;
 mod keys;
+pub mod layers;
 pub mod lens;
 mod light;
 pub mod light_units;
@@ -30,6 +31,7 @@ pub mod preview;
 mod resources;
 pub mod stages;
 pub mod stretch;
+mod veil;
 
 pub use arguments::default_options;
 pub use bands::PlannedBands;
@@ -39,6 +41,7 @@ pub use keys::{DIGEST, MTIMES, argument};
 
 use crate::args::engine::Engine;
 use crate::args::{Device, RunArgs};
+use crate::job::layers::JobLayer;
 use crate::job::lens::{JobLens, UntracedLens};
 use crate::job::memory::Memory;
 use crate::machine::excess_note;
@@ -55,6 +58,7 @@ use pipeline::geometry::Frame;
 use pipeline::tiling::FilmRegion;
 use serde_json::{Map, Value};
 use stretch::RemapStretch;
+use veil::JobVeil;
 
 /// A job, ready to run. A *position* is the index of a band among those that this process computes.
 pub struct Job {
@@ -78,6 +82,8 @@ pub struct Job {
     pub gains: Vec<f64>,
     /// Layout of the film.
     pub film: FilmSpec,
+    /// Layers of light of the film, in the order of its layout.
+    pub layers: Vec<Box<dyn JobLayer>>,
     /// Regions of the film to compute.
     pub regions: Vec<FilmRegion>,
     /// Everything that changes pixels, as readable JSON.
@@ -138,6 +144,7 @@ pub struct UntracedJob<'a> {
     arguments: Arguments<'a>,
     inputs: Inputs,
     lens: UntracedLens,
+    layers: Vec<Box<dyn JobLayer>>,
     /// Layout of the film.
     pub film: FilmSpec,
 }
@@ -155,9 +162,12 @@ impl<'a> UntracedJob<'a> {
         let opened = Opened::new(args)?;
         let arguments = Arguments::resolve(args, opened.has_depth())?;
         let (inputs, lens) = Inputs::new(args, opened, planned.map(|p| p.bands))?;
-        let film = film::film_spec(&arguments, &inputs.frame, inputs.selected_nm.clone(), &inputs)?;
+        let bands = inputs.selected_nm.len();
+        let veil = JobVeil::new(args, &inputs.frame, bands, arguments.threads)?;
+        let layers: Vec<Box<dyn JobLayer>> = veil.into_iter().map(|veil| Box::new(veil) as _).collect();
+        let film = film::film_spec(&arguments, &inputs.frame, inputs.selected_nm.clone(), &inputs, &layers)?;
         light::check_pitch(args, &lens)?;
-        Ok(Self { args, planned, arguments, inputs, lens, film })
+        Ok(Self { args, planned, arguments, inputs, lens, layers, film })
     }
 
     /// Film pitch, µm.
@@ -199,13 +209,13 @@ impl<'a> UntracedJob<'a> {
     /// # Errors
     /// Every other error of the run that can be found before its first pixel.
     pub fn traced(self) -> Result<Job> {
-        let Self { args, planned, mut arguments, mut inputs, lens, film } = self;
+        let Self { args, planned, mut arguments, mut inputs, lens, layers, film } = self;
         let mut plan = JobPlan::new(&arguments, &inputs, lens, film)?;
         light::check(args, &plan.bands)?;
         let stretch = RemapStretch::new(&inputs.frame, &plan.bands, &arguments.options);
         let chart_bands = inputs.chart_bands();
         open::read_past_page_cache(&mut inputs.chart, &chart_bands, arguments.threads);
-        let (memory, queues) = resources::allocate(&mut arguments, &inputs, &mut plan, &stretch)?;
+        let (memory, queues) = resources::allocate(&mut arguments, &inputs, &mut plan, &stretch, &layers)?;
         inputs.chart.set_cache_bytes(memory.chart_cache);
         if let Some(depth) = &mut inputs.depth {
             depth.set_cache_for_rows(resources::depth_rows(&plan.bands, &stretch, &inputs.frame));
@@ -253,6 +263,7 @@ impl<'a> UntracedJob<'a> {
             plans: plan.bands,
             gains: plan.gains,
             film: plan.film,
+            layers,
             regions: plan.regions,
             identity,
             memory,

@@ -18,12 +18,13 @@ from inputs import CHARTS
 
 # Flags by which job B differs from A. With the first ones both films have files of equal names and sizes in pixels.
 OTHERS = [("--azimuths", "8"), ("--stages", "ri"), ("--interp", "bilinear"), ("--surround", "black"), ("--bands", "0:2"),
-          ("--codec", "none"), ("--dtype", "f16")]
+          ("--codec", "none"), ("--dtype", "f16"), ("--veiling-glare", "2%")]
 LAYOUTS = [("--shard", "64", "--chunk", "32"), ("--shard", "64", "--chunk", "64"), ("--shard", "128", "--chunk", "64")]
 FAULTS = ["create", "write", "sync", "rename", "sync-directory", "remove", "read", "publish", "sweep"]
 # Fault points at which the program can be stopped or killed, passed once or often in a run; see formats/src/durable/fault.rs.
 ONCE = ["film-opened", "job-ready", "locked", "tiles-begin", "film-removed", "shards-made", "verified", "shard-aside"]
-OFTEN = ["commit", "commit-checked"]
+OFTEN = ["commit", "commit-checked", "layer-made", "layer-committed"]
+VEIL = ("--scatter", "3%,r0=5,slope=2.2")
 FOREIGN_FILES = ["notes.txt", "film.zarr/notes.txt", "film.zarr/film/c/notes.txt", ".tmp-notes", "film.zarr/.DS_Store"]
 THEMES = {"workers": 4, "runs": 4, "sleeper": 5, "input": 4, "disk": 3, "mixture": 3}
 
@@ -52,11 +53,13 @@ class ScriptWriter:
         chart = rng.choice(list(CHARTS))
         lens = rng.choices(["built-in", "pack", "zip"], [5, 3, 1])[0]
         layout = rng.choice(LAYOUTS)
-        other = rng.choices(OTHERS, [6, 3, 3, 1, 1, 1, 1])[0]
+        other = rng.choices(OTHERS, [6, 3, 3, 1, 1, 1, 1, 1])[0]
         # A run without --codec keeps the codec of an existing film, so that B would not be another job.
         codec = ("--codec", "lz4") if other[0] == "--codec" else ()
-        jobs = {"A": Job("A", chart, lens, ("--azimuths", "4", *codec, *layout))}
-        flags = (*other, *layout) if other[0] == "--azimuths" else ("--azimuths", "4", *other, *layout)
+        # Light that spreads far: a layer per band, computed before its tiles.
+        scatter = rng.choice([(), (), VEIL])
+        jobs = {"A": Job("A", chart, lens, ("--azimuths", "4", *codec, *scatter, *layout))}
+        flags = (*other, *scatter, *layout) if other[0] == "--azimuths" else ("--azimuths", "4", *other, *scatter, *layout)
         jobs["B"] = Job("B", chart if rng.random() < 0.7 else rng.choice(list(CHARTS)), lens, flags)
         second = rng.choice([m for m in machines if m != "A"] or ["A"])
         small = theme == "disk" or (disk and rng.random() < 0.05)

@@ -14,7 +14,7 @@ use pipeline::lens::PsfSample;
 use pipeline::resample::{Interp, Surround};
 use pipeline::sensor::pixels::Resample;
 use pipeline::stage::Stage;
-use pipeline::stages::{self, DESCRIPTIONS, described};
+use pipeline::stages::{self, DESCRIPTIONS, Description, described};
 use std::sync::LazyLock;
 
 /// Name, help (may be empty), value.
@@ -82,14 +82,18 @@ pub(super) fn one_of<T: Copy + Send + Sync>(choices: Choices<T>) -> impl TypedVa
 
 /// Help of `--stages`: what the stages do.
 pub(super) fn stages_help() -> String {
-    let helps: Vec<String> =
-        DESCRIPTIONS.iter().map(|d| d.help.to_lowercase().replace("psf", "PSF")).collect();
+    let helps: Vec<String> = chosen().map(|d| d.help.to_lowercase().replace("psf", "PSF")).collect();
     format!("Stages to apply: {}", helps.join(", "))
+}
+
+/// The stages that `--stages` chooses.
+fn chosen() -> impl Iterator<Item = &'static Description> {
+    DESCRIPTIONS.iter().filter(|d| d.flags.is_empty())
 }
 
 /// Parses the name of a stage.
 pub(super) fn stage() -> impl TypedValueParser<Value = Stage> {
-    let names = DESCRIPTIONS.iter().map(|d| PossibleValue::new(d.name).help(d.help));
+    let names = chosen().map(|d| PossibleValue::new(d.name).help(d.help));
     PossibleValuesParser::new(names).map(|name| {
         let named = DESCRIPTIONS.iter().find(|d| d.name == name);
         named.expect("one of the possible values").stage

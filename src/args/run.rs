@@ -9,6 +9,7 @@ use super::device::{Device, EngineArg};
 use super::placement::PlacementArgs;
 use super::tracing::TracingArgs;
 use super::values::{azimuths, bytes, keep_bits, odd, positive, roi, storage, threads, unit};
+use super::veil::VeilArgs;
 use clap::{Args, ValueEnum};
 use formats::chart::AxisOrder;
 use formats::chart::NanPolicy;
@@ -92,6 +93,9 @@ pub struct RunArgs {
     /// Size of the film, place of the chart.
     #[command(flatten)]
     pub placement: PlacementArgs,
+    /// Light that spreads far over the film.
+    #[command(flatten)]
+    pub veil: VeilArgs,
     /// Interpolation between chart pixels (bilinear reduces sharpness)
     #[arg(long, value_parser = one_of(INTERP), default_value = "bicubic", help_heading = "Placement")]
     pub interp: Interp,
@@ -186,6 +190,7 @@ impl RunArgs {
             psf_window: None,
             interpolate_psf: false,
             placement: PlacementArgs::default(),
+            veil: VeilArgs::default(),
             interp: Interp::Bicubic,
             surround: Surround::Edge,
             outside: Outside::Error,

@@ -4,6 +4,7 @@ use super::choices::{DEMOSAIC, one_of};
 use super::depth::DepthArgs;
 use super::tracing::TracingArgs;
 use super::values::{bytes, pitch, positive, size, threads, unit};
+use super::veil::VeilArgs;
 use clap::Args;
 use formats::chart::AxisOrder;
 use pipeline::develop::Demosaic;
@@ -92,4 +93,7 @@ pub struct ShootArgs {
     /// How a design is traced, as for `lenscube run`.
     #[command(flatten)]
     pub tracing: TracingArgs,
+    /// Light that spreads far over the film, as for `lenscube run`.
+    #[command(flatten)]
+    pub veil: VeilArgs,
 }

@@ -14,7 +14,7 @@ use crate::args::{DepthArgs, Device, EngineArg, NO_HIDDEN, PlanArgs, RunArgs, Tr
 use crate::failure::usage;
 use crate::film;
 use crate::job::film_engine;
-use crate::job::{Job, PlannedBands, UntracedJob};
+use crate::job::{Job, PlannedBands, UntracedJob, cost};
 use crate::open::is_builtin;
 use crate::progress::{log_line, plural, print};
 use anyhow::Result;
@@ -65,6 +65,7 @@ pub fn command(args: &PlanArgs, matches: &ArgMatches) -> Result<u8> {
         log_line(format!("note: {note}"));
     }
     print_summary(&plan, &path);
+    print_layers(&job, &plan);
     startup::measure(&plan, &run)?;
     print(path.display());
     Ok(0)
@@ -134,6 +135,24 @@ fn worker_command(run: &RunArgs, matches: &ArgMatches) -> Result<CommandLine> {
     }
     line.flags.insert(0, format!("--lens={lens}"));
     Ok(line)
+}
+
+/// Prints what units of a band that start together compute more than once.
+fn print_layers(job: &Job, plan: &Plan) {
+    let is_shared = plan.units.iter().any(|unit| {
+        unit.bands
+            .iter()
+            .any(|band| plan.units.iter().any(|other| other.unit != unit.unit && other.bands.contains(band)))
+    });
+    if job.layers.is_empty() || !is_shared {
+        return;
+    }
+    let (bytes, core_s) = cost::layers(job);
+    log_line(format!(
+        "note: units of a band that start before its light beside the image is in the film each compute it, with the same result: {:.2} GB of the chart and \
+         about {core_s:.1} core seconds",
+        bytes as f64 * 1e-9
+    ));
 }
 
 /// Prints the number of units and their cost.

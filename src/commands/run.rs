@@ -276,7 +276,7 @@ fn execute(task: &Task<'_>, job: &Job, count: &ShardCount, missing: Vec<BTreeSet
     let monitor = Monitor::new(display(task, job, &tiles), startup_s, task.args.keep_going);
     fault_point("tiles-begin");
     let energy = Mutex::new(vec![None; job.plans.len()]);
-    let prepare = |position: usize| prepare(job, position, &energy);
+    let prepare = |position: usize| prepare(job, store, position, &energy);
     let sheets = job.depth.as_ref().map_or_else(Vec::new, Depth::sheets);
     let counts = SharedCounts::default();
     let invented = job.film.has_invented.then(|| InventedLight::new(&job.regions));

@@ -54,6 +54,7 @@ pub fn command(args: &ShootArgs) -> Result<u8> {
         check_input: args.check_input,
         surfaces: args.surfaces.clone(),
         tracing: args.tracing.clone(),
+        veil: args.veil.clone(),
         placement: PlacementArgs {
             film_size: args.film_size,
             film_pitch_um: args.film_pitch_um,

@@ -44,17 +44,19 @@ impl<'a> Arguments<'a> {
                 "--depth requires the stage svpsf; `--depth none` ignores the distances of the chart",
             ));
         }
-        let flat_only = described(Stages::of(&given.stages)).find(|stage| !stage.with_depth);
+        let stages = stages(given);
+        let flat_only = described(stages).find(|stage| !stage.with_depth);
         if let Some(stage) = flat_only.filter(|_| has_depth) {
+            let switch = if stage.flags.is_empty() { "--stages" } else { stage.flags };
             return Err(usage(format!(
-                "the stage {} is not computed for surfaces at several distances; leave it out of --stages, or give --depth none",
+                "the stage {} ({switch}) is not computed for surfaces at several distances; leave it out, or give --depth none",
                 stage.name
             )));
         }
         let film = film_engine::existing(&given.film, given.process.overwrite)?;
         let film_engine = film.as_ref().and_then(film_engine::recorded);
         let check_input = given.check_input || film.as_ref().is_some_and(has_content_digest);
-        let not_on_gpus = described(Stages::of(&given.stages)).find(|stage| !stage.on_gpus);
+        let not_on_gpus = described(stages).find(|stage| !stage.on_gpus);
         let on_cpu = match not_on_gpus {
             Some(stage) => Some(format!("the stage {}", stage.name)),
             None => has_depth.then(|| "--depth".to_owned()),
@@ -81,9 +83,15 @@ fn has_content_digest(film: &FilmStore) -> bool {
     film.provenance().get("job").is_some_and(|job| job.get(DIGEST).is_some())
 }
 
+/// Those of `--stages`, and those with flags of their own.
+fn stages(args: &RunArgs) -> Stages {
+    let chosen = Stages::of(&args.stages);
+    if args.veil.is_on() { chosen.with(Stage::Veil) } else { chosen }
+}
+
 fn options(args: &RunArgs, simd: Simd) -> Options {
     Options {
-        stages: Stages::of(&args.stages),
+        stages: stages(args),
         interpolation: ChartInterpolation {
             interp: args.interp,
             surround: args.surround,

@@ -4,6 +4,7 @@
 //! measured on the paper's job (scripts/bench). Bytes are those before compression.
 
 use crate::job::Job;
+use crate::job::layers::JobLayer;
 use pipeline::band::BandPlan;
 use pipeline::depth::plan::{DepthPlan, NodePlan};
 use pipeline::remap::Remap;
@@ -90,6 +91,17 @@ pub fn bytes_read(job: &Job, band: usize, tiles: &[(usize, usize)]) -> u64 {
         end = rows.end.max(end);
     }
     all as u64 * sample as u64
+}
+
+/// Reading and decoding a chart pixel for a layer of light, ns: the 50.7 core seconds above.
+const READING_NS: f64 = 8.2;
+
+/// Bytes of chart that the layers of a band read before its tiles, and core seconds of computing them.
+pub fn layers(job: &Job) -> (u64, f64) {
+    let pixels = job.chart.size().pixels();
+    let of = |layer: &dyn JobLayer| layer.making_s() + 1e-9 * READING_NS * pixels as f64;
+    let core_s = job.layers.iter().map(|layer| of(layer.as_ref())).sum();
+    ((job.layers.len() * pixels * job.chart.sample_bytes()) as u64, core_s)
 }
 
 /// Bytes on a GPU: the spectra of all nodes near the tiles, and two batches with chart, remapped image and contribution.

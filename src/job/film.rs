@@ -4,6 +4,7 @@ use super::arguments::Arguments;
 use super::inputs::Inputs;
 use crate::args::{FilmUnits, RunArgs};
 use crate::failure::usage;
+use crate::job::layers::JobLayer;
 use crate::open::Chart;
 use anyhow::Result;
 use formats::chart::MAX_VALUE;
@@ -38,6 +39,7 @@ pub fn film_spec(
     frame: &Frame,
     wavelengths_nm: Vec<f64>,
     inputs: &Inputs,
+    layers: &[Box<dyn JobLayer>],
 ) -> Result<FilmSpec> {
     let (args, chart) = (arguments.given, &inputs.chart);
     if args.chunk == 0 || args.shard == 0 || !args.shard.is_multiple_of(args.chunk) {
@@ -77,6 +79,7 @@ pub fn film_spec(
         codec: arguments.codec,
         keep_bits: keep_bits(args, args.dtype)?,
         has_invented: inputs.depth.as_ref().is_some_and(|depth| depth.surfaces.is_invented),
+        layers: layers.iter().map(|layer| layer.stored().clone()).collect(),
     };
     spec.check().map_err(|e| usage(e.to_string()))?;
     Ok(spec)

@@ -4,6 +4,7 @@ use super::depth::Depth;
 use super::film::chart_units;
 use super::inputs::Inputs;
 use super::keys::{DIGEST, MTIMES};
+use super::veil;
 use crate::args::{CoatingsArg, RunArgs};
 use crate::open::{Chart, is_builtin};
 use anyhow::Result;
@@ -65,6 +66,7 @@ pub fn identity(
     if let Some(surfaces) = surfaces {
         map.insert("depth".into(), surfaces);
     }
+    map.extend(veil::identity(args, frame));
     // Absent for all bits: the identity is then that of programs without this option.
     if let Some(bits) = keep_bits {
         map.insert("keep_bits".into(), bits.into());

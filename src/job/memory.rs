@@ -19,6 +19,7 @@ use pipeline::band::{BandPlan, Options};
 use pipeline::cuda::memory::BandNeeds;
 use pipeline::executor::memory::{self as queues, Walk};
 use pipeline::geometry::{Frame, Size};
+use pipeline::layer::Layer;
 use pipeline::remap::{Remap, memory as remap};
 use pipeline::stages::{self, described};
 use pipeline::tiling::FilmRegion;
@@ -116,6 +117,8 @@ pub struct MemoryInputs<'a> {
     pub psf_reading: &'a dyn Fn(&BandPlan) -> usize,
     /// Bytes of reading the PSFs of any band of the lens.
     pub max_psf_reading: usize,
+    /// Bytes while a layer of light is computed; of one at a time.
+    pub layer_making: usize,
     /// Surfaces at several distances; 0 for a flat chart.
     pub surfaces: usize,
     /// Caches of decoded chunks of their arrays.
@@ -253,6 +256,16 @@ impl MemoryInputs<'_> {
             + gpus.queues * self.max(base_kernels)
     }
 
+    /// Layers of light of the bands in flight, and one being computed.
+    fn layers(&self) -> usize {
+        let of_layer = |layer: usize| {
+            let bands = 0..self.film.wavelengths_nm.len();
+            bands.map(|band| Layer::bytes(&self.film.layer_grid(layer, band))).max().unwrap_or(0)
+        };
+        let stored: usize = (0..self.film.layers.len()).map(of_layer).sum();
+        BANDS_IN_MEMORY * stored + self.layer_making
+    }
+
     /// Cache of decoded chunks: minimum, and what a row of shards uses, or two rows of tiles of each GPU queue.
     fn chart_cache(&self, chunks: usize, gpus: &GpuDemand) -> (usize, usize) {
         let shard = self.regions.iter().map(|w| w.shard.height.min(w.rect.height)).max().unwrap_or(0);
@@ -289,7 +302,7 @@ impl MemoryInputs<'_> {
         let (decoding, chunks) = (at_once.saturating_mul(decoding), at_once.saturating_mul(values));
         let fixed = PROCESS_BYTES + self.shards(gpus) + self.lens(gpus);
         let fixed = fixed.saturating_add(workers).saturating_add(decoding).saturating_add(read_ahead);
-        let fixed = fixed.saturating_add(self.surface_caches);
+        let fixed = fixed.saturating_add(self.surface_caches).saturating_add(self.layers());
         let chart_cache = self.chart_cache(chunks, gpus);
         let (min, shard_spectra, max) = self.spectra(gpus);
         let (spectra, encoded) = ((min, max), self.encoded());

@@ -302,6 +302,7 @@ fn memory(
         stretch: &stretch,
         psf_reading: &|_| reading,
         max_psf_reading: 4 * samples + reading,
+        layer_making: 0,
         surfaces: if plan.depth.is_some() { depth.count() } else { 0 },
         surface_caches: depth.cache_bytes(depth_rows(bands, &stretch, frame)),
     };

@@ -7,6 +7,7 @@ use super::inputs::Inputs;
 use super::stretch::RemapStretch;
 use crate::device::DeviceSelection;
 use crate::failure;
+use crate::job::layers::JobLayer;
 use crate::job::memory::{GpuDemand, Memory, MemoryInputs};
 use crate::machine::{MAX_DEFAULT, MemoryLimit};
 use anyhow::Result;
@@ -33,11 +34,12 @@ pub fn allocate(
     inputs: &Inputs,
     plan: &mut JobPlan,
     stretch: &RemapStretch,
+    layers: &[Box<dyn JobLayer>],
 ) -> Result<(Memory, Vec<DeviceQueue>)> {
     if !arguments.device.devices.is_empty() {
         let tiles_of_cpu: Vec<_> = plan.bands.iter().map(|band| (band.blocks, band.tiling)).collect();
         set_gpu_tiles(&mut plan.bands, inputs.frame.film);
-        match allocate_with_gpus(arguments, inputs, plan, stretch) {
+        match allocate_with_gpus(arguments, inputs, plan, stretch, layers) {
             Err(error) if arguments.device.may_fall_back(&arguments.given.device) => {
                 arguments.device = DeviceSelection::cpu(&failure::line(&error));
             }
@@ -47,7 +49,7 @@ pub fn allocate(
             (band.blocks, band.tiling) = (blocks, tiling);
         }
     }
-    Ok((divide(arguments, inputs, plan, stretch, GpuDemand::default())?, Vec::new()))
+    Ok((divide(arguments, inputs, plan, stretch, layers, GpuDemand::default())?, Vec::new()))
 }
 
 fn allocate_with_gpus(
@@ -55,12 +57,13 @@ fn allocate_with_gpus(
     inputs: &Inputs,
     plan: &JobPlan,
     stretch: &RemapStretch,
+    layers: &[Box<dyn JobLayer>],
 ) -> Result<(Memory, Vec<DeviceQueue>)> {
     let (device, options) = (&arguments.device, &arguments.options);
     let needs = |band| gpu_needs(&inputs.frame, options, band, &plan.regions);
     let needs: Vec<BandNeeds> = plan.bands.iter().map(needs).collect();
     let gpus = GpuDemand::new(device.devices.len(), &needs);
-    let memory = divide(arguments, inputs, plan, stretch, gpus)?;
+    let memory = divide(arguments, inputs, plan, stretch, layers, gpus)?;
     let queues = device.queues(&arguments.given.device, &needs, memory.pinned)?;
     Ok((memory, queues))
 }
@@ -79,6 +82,7 @@ fn divide(
     inputs: &Inputs,
     plan: &JobPlan,
     stretch: &RemapStretch,
+    layers: &[Box<dyn JobLayer>],
     gpus: GpuDemand,
 ) -> Result<Memory> {
     let args = arguments.given;
@@ -99,6 +103,7 @@ fn divide(
         stretch,
         psf_reading: &|p: &BandPlan| plan.lens.psf_reading_bytes(p.lens_bands.first),
         max_psf_reading: plan.lens.max_reading_bytes(),
+        layer_making: layers.iter().map(|layer| layer.making_bytes()).max().unwrap_or(0),
         surfaces: inputs.depth.as_ref().map_or(0, Depth::count),
         surface_caches: inputs
             .depth

@@ -1,9 +1,15 @@
-//! The stages of a job's bands, with the PSFs of its lens.
+//! The stages of a job's bands, with the PSFs of its lens and its layers of light.
 
 use crate::job::Job;
+use crate::job::layers::{JobLayer, LayerInputs, remaining};
+use crate::progress::interrupt;
+use formats::durable::fault_point;
+use formats::film::FilmStore;
+use formats::group::GroupError;
 use formats::lens::LensPackError;
 use pipeline::band::BandStages;
 use pipeline::flow::SourceSinkError;
+use pipeline::layer::Layer;
 use std::sync::Mutex;
 
 /// A band's stages could not be constructed.
@@ -17,12 +23,13 @@ pub enum StageError {
     Pack(#[from] LensPackError),
 }
 
-/// Constructs the stages of a band.
+/// Constructs the stages of a band, without its layers.
 ///
 /// # Errors
 /// The PSFs cannot be read.
 pub fn stages(job: &Job, position: usize) -> Result<BandStages, StageError> {
-    let (plan, gain) = (&job.plans[position], job.gains[position]);
+    let plan = &job.plans[position];
+    let gain = job.gains[position] * remaining(&job.layers, job.film_bands[position]);
     if plan.depth.is_some() {
         let reader = job.lens.psf_reader(plan.lens_bands.first);
         return Ok(plan.depth_stages(position, &job.frame, job.lens.lens(), &job.options, gain, reader));
@@ -34,14 +41,60 @@ pub fn stages(job: &Job, position: usize) -> Result<BandStages, StageError> {
     plan.stages(position, &job.frame, &job.options, gain, read_psfs)
 }
 
-/// Constructs the stages of a band; `energy` receives the share of the light inside its PSF windows, the mean over heights.
+/// The layers of the band at `position`, in the order in which they are added: each is read from the film, or computed and committed. Of processes that need
+/// one at once each computes the same bytes.
+///
+/// # Errors
+/// A stored layer is damaged; the chart cannot be read; the film cannot be written.
+fn layers(job: &Job, store: &FilmStore, position: usize) -> Result<Vec<Layer>, SourceSinkError> {
+    let band = job.film_bands[position];
+    let inputs = LayerInputs {
+        chart: job.chart.source(),
+        chart_band: job.chart_bands[position],
+        frame: &job.frame,
+        plan: &job.plans[position],
+        options: &job.options,
+        gain: job.gains[position],
+        threads: job.threads,
+        cancel: interrupt::cancel_flag(),
+    };
+    let layer = |(index, source): (usize, &dyn JobLayer)| {
+        let coefficients = match store.read_layer(index, band)? {
+            Some(stored) => stored,
+            None => {
+                let made = source.coefficients(&inputs)?;
+                fault_point("layer-made");
+                store.commit_layer(index, band, &made)?;
+                fault_point("layer-committed");
+                made
+            }
+        };
+        Ok(Layer::new(store.spec().layer_grid(index, band), source.taps(), coefficients))
+    };
+    job.layers.iter().map(AsRef::as_ref).enumerate().map(layer).collect()
+}
+
+/// Whether a layer of a band of `job` is not in `store` (`None`: the film is not there yet), per position.
+///
+/// # Errors
+/// The store cannot be read.
+pub fn without_layers(job: &Job, store: Option<&FilmStore>) -> Result<Vec<bool>, GroupError> {
+    match store {
+        Some(store) => job.film_bands.iter().map(|band| Ok(!store.has_layers(*band)?)).collect(),
+        None => Ok(vec![!job.layers.is_empty(); job.film_bands.len()]),
+    }
+}
+
+/// Constructs the stages of a band, with its layers, which are stored in `store`; `energy` receives the share of the light inside its PSF windows, the mean over heights.
 pub fn prepare(
     job: &Job,
+    store: &FilmStore,
     position: usize,
     energy: &Mutex<Vec<Option<f64>>>,
 ) -> Result<BandStages, SourceSinkError> {
     let plan = &job.plans[position];
-    let stages = stages(job, position)?;
+    let mut stages = stages(job, position)?;
+    stages.layers = layers(job, store, position)?;
     if let Some(psf) = &stages.psf {
         let windows = std::iter::zip(&plan.lens.psf_energy, psf.kernels().energy());
         let mean = windows.map(|(pack, crop)| pack * crop).sum::<f64>() / plan.lens.psf_energy.len() as f64;

@@ -29,4 +29,5 @@ mod run_output;
 mod sensor;
 mod terminal;
 mod validate;
+mod veil;
 mod view;

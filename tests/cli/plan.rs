@@ -125,12 +125,17 @@ fn units_of_any_size_in_any_order_give_the_bytes_of_a_single_run() {
         (&["--unit-rows", "3"], 6),
         (&["--unit-rows", "1"], 16),
         (&["--units", "3"], 4),
+        (&["--unit-rows", "1", "--scatter", "3%,r0=5", "--veiling-glare", "1%"], 16),
         (&[], 1),
     ] {
         let planned = Planned::new(place(), flags);
         assert_eq!(planned.units(), units, "{flags:?}");
-        let expected =
-            planned.single_run(flags.iter().position(|f| *f == "--bands").map_or(&[][..], |at| &flags[at..]));
+        let expected = planned.single_run(
+            flags
+                .iter()
+                .position(|f| ["--bands", "--scatter"].contains(f))
+                .map_or(&[][..], |at| &flags[at..]),
+        );
         compute_units(&planned, 7 + units as u64);
         assert!(files(&planned.place.film) == expected, "{flags:?}");
         assert_eq!(planned.missing(), "");

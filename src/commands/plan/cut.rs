@@ -112,14 +112,18 @@ fn unit(
         });
         let shards: BTreeSet<ShardId> = shards.collect();
         let tiles = tiles_needed(&plan.tiling, &job.regions, &shards);
+        let whole = (band, (0, 0))..=(band, (usize::MAX, usize::MAX));
+        // Layers of light are computed by the first unit of the band.
+        let (layers_read, layers_s) =
+            if seen.range(whole).next().is_none() { cost::layers(job) } else { (0, 0.0) };
         all.tiles_again += tiles.iter().filter(|t| !seen.insert((band, **t))).count();
         all.tiles += tiles.len();
         all.shards += shards.len();
         let sample = job.film.sample.bytes();
         let pixels = |s: &ShardId| job.regions[s.region].shard_rect(s.row, s.col).size().pixels();
         all.bytes_written += (shards.iter().map(pixels).sum::<usize>() * sample) as u64;
-        all.bytes_read += cost::bytes_read(job, band, &tiles);
-        all.core_s = cost::rounded(all.core_s + cost::core_s(plan, job.options.stages, &tiles));
+        all.bytes_read += cost::bytes_read(job, band, &tiles) + layers_read;
+        all.core_s = cost::rounded(all.core_s + cost::core_s(plan, job.options.stages, &tiles) + layers_s);
         all.gpu_bytes = all.gpu_bytes.max(cost::gpu_bytes(plan, &tiles));
     }
     let mut ranges = BTreeMap::new();

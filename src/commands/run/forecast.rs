@@ -7,14 +7,14 @@ use super::shards;
 use crate::args::RunArgs;
 use crate::failure::{Coded, code};
 use crate::film;
-use crate::job::cost;
-use crate::job::{Job, UntracedJob};
+use crate::job::stages::without_layers;
+use crate::job::{Job, UntracedJob, cost};
 use crate::progress::mib;
 use crate::progress::{duration, plural, print as print_line};
 use anyhow::Result;
 use formats::chart::Codec;
 use formats::durable::{Store, free_bytes, is_url, link_target, parent_of};
-use formats::film::FilmSpec;
+use formats::film::{FilmSpec, FilmStore};
 use pipeline::tiling::ShardId;
 use pipeline::tiling::tiles_needed;
 use std::collections::BTreeSet;
@@ -92,6 +92,18 @@ fn work(job: &Job, missing: &[BTreeSet<ShardId>]) -> (u64, f64) {
     })
 }
 
+/// Bytes of chart read before the tiles of bands whose layers of light are not in `store` (`None`: the film is not there yet), their core seconds, and the
+/// number of those bands.
+///
+/// # Errors
+/// The store cannot be read.
+fn layers(job: &Job, store: Option<&FilmStore>, missing: &[BTreeSet<ShardId>]) -> Result<(u64, f64, usize)> {
+    let without = without_layers(job, store)?;
+    let bands = std::iter::zip(missing, without).filter(|(shards, without)| *without && !shards.is_empty());
+    let (bands, (bytes, core_s)) = (bands.count(), cost::layers(job));
+    Ok((bands as u64 * bytes, bands as f64 * core_s, bands))
+}
+
 /// The first existing path among `path` and the directories above it.
 fn existing(path: &Path) -> &Path {
     let mut path = path;
@@ -99,6 +111,11 @@ fn existing(path: &Path) -> &Path {
         path = parent_of(path);
     }
     path
+}
+
+/// Names of the layers.
+fn names(job: &Job) -> String {
+    job.film.layers.iter().map(|layer| layer.name.as_str()).collect::<Vec<_>>().join(", ")
 }
 
 fn gb(bytes: u64) -> String {
@@ -166,12 +183,14 @@ pub fn print(args: &RunArgs) -> Result<()> {
     film::expected_provenance(&job, args)?;
     let requested = shards::requested(&job, None);
     let all: usize = requested.iter().map(BTreeSet::len).sum();
-    let missing = match is_resumed(args)? {
-        true => shards::missing(&job, &film::open_store(args, "")?, &requested)?,
-        false => requested,
+    let store = if is_resumed(args)? { Some(film::open_store(args, "")?) } else { None };
+    let missing = match &store {
+        Some(store) => shards::missing(&job, store, &requested)?,
+        None => requested,
     };
     let forecast = Forecast::new(&job, &args.film, &missing)?;
     let (read, core_s) = work(&job, &missing);
+    let (read_before, layers_s, bands) = layers(&job, store.as_ref(), &missing)?;
     print_line(format!(
         "lens    {}: {}, engine {}",
         job.lens.lens().name,
@@ -180,6 +199,14 @@ pub fn print(args: &RunArgs) -> Result<()> {
     ));
     print_line(format!("chart   {}", job.coverage));
     print_line(format!("reads   {} of the chart before compression", gb(read)));
+    if bands > 0 {
+        print_line(format!(
+            "        {} before the tiles, of {}, for light that spreads far ({})",
+            gb(read_before),
+            plural(bands, "band"),
+            names(&job)
+        ));
+    }
     if forecast.temporary > 0 {
         print_line(format!(
             "        {} in a temporary file beside the film, sorted by band",
@@ -198,7 +225,7 @@ pub fn print(args: &RunArgs) -> Result<()> {
     }
     print_line(format!(
         "time    about {} on {} threads at the speed of a 2.2 GHz core with AVX-512 (`lenscube bench` measures this machine's)",
-        duration(core_s / job.threads as f64),
+        duration((core_s + layers_s) / job.threads as f64),
         job.threads
     ));
     print_line(format!("memory  {} of at most {}", mib(job.memory.planned), mib(job.memory.limit)));

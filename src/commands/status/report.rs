@@ -5,7 +5,7 @@ use crate::film::record::{Outcome, RunRecord};
 use crate::progress::json_path;
 use anyhow::Result;
 use formats::durable::LockOwner;
-use formats::film::FilmStore;
+use formats::film::{FilmLayer, FilmStore};
 use formats::group::JobGroup;
 use formats::pyramid::PyramidState;
 use serde::{Serialize, Serializer};
@@ -25,6 +25,8 @@ pub struct Status {
     film_size: [usize; 2],
     outputs: Vec<String>,
     pub bands: Vec<BandStatus>,
+    #[serde(skip_serializing_if = "Vec::is_empty")]
+    pub layers: Vec<LayerStatus>,
     pub runs: RunTotals,
     pub last_run: Option<LastRun>,
     pub locks: Vec<LockStatus>,
@@ -53,6 +55,14 @@ pub struct BandStatus {
     pub wavelength_nm: f64,
     pub shards: usize,
     pub shards_done: usize,
+}
+
+/// A layer of light.
+#[derive(Debug, Serialize)]
+pub struct LayerStatus {
+    pub name: String,
+    pub bands: usize,
+    pub bands_done: usize,
 }
 
 /// Sums over the recorded runs.
@@ -131,6 +141,7 @@ impl Status {
             film_size: [spec.film.height, spec.film.width],
             outputs: spec.outputs.iter().map(|o| o.name.clone()).collect(),
             bands,
+            layers: layers(store)?,
             runs: RunTotals::new(&runs),
             last_run: runs.last().map(LastRun::new),
             locks: JobGroup::locks(store.path())?.into_iter().map(lock).collect(),
@@ -147,6 +158,16 @@ impl Status {
             units: None,
         })
     }
+}
+
+/// The layers of light of `store`.
+fn layers(store: &FilmStore) -> Result<Vec<LayerStatus>> {
+    let bands = store.spec().wavelengths_nm.len();
+    let layer = |(index, layer): (usize, &FilmLayer)| {
+        let bands_done = store.layer_bands(index)?;
+        Ok(LayerStatus { name: layer.name.clone(), bands, bands_done })
+    };
+    store.spec().layers.iter().enumerate().map(layer).collect()
 }
 
 impl RunTotals {

@@ -1,6 +1,6 @@
 //! The status of a film as text.
 
-use super::report::{BandStatus, LockStatus, Status};
+use super::report::{BandStatus, LayerStatus, LockStatus, Status};
 use crate::progress::{number, plural};
 use formats::film::FilmStore;
 use formats::pyramid::PyramidState;
@@ -28,6 +28,10 @@ pub fn lines(store: &FilmStore, status: &Status) -> Vec<String> {
         },
         bands(&status.bands),
     ];
+    lines.extend(status.layers.iter().map(|layer| {
+        let LayerStatus { name, bands, bands_done } = layer;
+        format!("  {name:<7} light beside the image of {bands_done} of {bands} bands")
+    }));
     // Films of earlier versions lack it.
     lines.extend(source(&status.source));
     lines.extend(store.spec().keep_bits.map(|bits| {

@@ -119,13 +119,14 @@ fn chunk_with_a_value_that_is_not_finite_is_bad() {
 
 #[test]
 fn layers_that_do_not_fit_the_film_are_rejected() {
-    let with = |change: &dyn Fn(&mut Vec<FilmLayer>)| {
+    type Change<'a> = &'a dyn Fn(&mut Vec<FilmLayer>);
+    let with = |change: Change<'_>| {
         let mut spec = spec_with_layers();
         change(&mut spec.layers);
         spec.check()
     };
     assert!(with(&|_| ()).is_ok());
-    let cases: [&dyn Fn(&mut Vec<FilmLayer>); 6] = [
+    let cases: [Change<'_>; 6] = [
         &|layers| layers[0].name = "film".into(),
         &|layers| layers[0].name = "veil".into(),
         &|layers| layers[1].bin_px[1] = 12,
