@@ -14,6 +14,7 @@
 //! Coordinates: z along the light, the field point's image on +x; symmetric about the meridian y = 0. mm, wavelengths in µm.
 
 pub mod figures;
+pub mod ghost;
 pub mod prescription;
 pub mod psf;
 pub mod pupil;

@@ -64,8 +64,10 @@ def meet(s, vertex, p, d):
     return q, m / np.linalg.norm(m)
 
 
-def transmitted(n1, n2, cos1, film):
-    """Amplitudes of s and p, |t|^2 a share of power: Airy's sum of one film (index, thickness) on Fresnel's coefficients."""
+def amplitudes(n1, n2, cos1, film):
+    """Amplitudes (reflected, transmitted) of s and of p, |t|^2 a share of power: Airy's sum of one film (index, thickness) on Fresnel's coefficients.
+
+    p fields point along d x s before and behind, so that the two reflectances differ in sign along the normal."""
     cosine = lambda n: np.sqrt(1 - (n1 / n) ** 2 * (1 - cos1**2) + 0j)  # noqa: E731
 
     def fresnel(a, b, pol):
@@ -80,13 +82,20 @@ def transmitted(n1, n2, cos1, film):
     out = []
     for pol in "sp":
         if film is None:
-            out.append(fresnel(n1, n2, pol)[1] * power)
+            r, t = fresnel(n1, n2, pol)
+            out.append((r, t * power))
             continue
         n, thickness = film
         (r12, t12), (r23, t23) = fresnel(n1, n, pol), fresnel(n, n2, pol)
         phase = np.exp(2j * np.pi * n * thickness * cosine(n) / UM)
-        out.append(t12 * t23 * phase / (1 + r12 * r23 * phase**2) * power)
+        airy = 1 + r12 * r23 * phase**2
+        out.append(((r12 + r23 * phase**2) / airy, t12 * t23 * phase / airy * power))
     return out
+
+
+def transmitted(n1, n2, cos1, film):
+    """Transmitted amplitudes of s and p."""
+    return [t for _, t in amplitudes(n1, n2, cos1, film)]
 
 
 def share(lens, tan, p, q, film):
@@ -106,16 +115,16 @@ def share(lens, tan, p, q, film):
         side = np.cross(d, m)
         side = side / np.linalg.norm(side) if np.linalg.norm(side) > 1e-12 else np.array([0, 1.0, 0])
         if s[2] == 0:
-            new, behind, amplitudes = d - 2 * cos1 * m, index, (-1, 1)
+            new, behind, factors = d - 2 * cos1 * m, index, (-1, 1)
         else:
             behind = np.sqrt(s[2] + s[3] / UM**2)
             root = 1 - (index / behind) ** 2 * (1 - cos1**2)
             new = index / behind * d + (np.sqrt(root) - index / behind * cos1) * m
             with_air = index == 1 or behind == 1
-            amplitudes = transmitted(index, behind, cos1, film if with_air else None) if index != behind else (1, 1)
+            factors = transmitted(index, behind, cos1, film if with_air else None) if index != behind else (1, 1)
         into = np.stack([side, np.cross(d, side), d])
         out = np.stack([side, np.cross(new, side), new])
-        total = out.T @ np.diag([*amplitudes, 1]) @ into @ total
+        total = out.T @ np.diag([*factors, 1]) @ into @ total
         d, index, vertex = new, behind, vertex + s[1]
     # Unpolarised: the mean over two fields at right angles to the first direction.
     start = np.array([sign * tan, 0, 1.0]) if np.isinf(lens["object"]) else at - np.array([-sign * tan * (lens["object"] + z), 0, -lens["object"]])
@@ -137,5 +146,6 @@ def main():
     (DATA / "transmission.txt").write_text("\n".join(text) + "\n")
 
 
-np.seterr(all="ignore")
-main()
+if __name__ == "__main__":
+    np.seterr(all="ignore")
+    main()

@@ -2,9 +2,9 @@
 
 pub(super) mod aim;
 mod field;
-mod ideal_lens;
+pub(super) mod ideal_lens;
 mod launch;
-mod losses;
+pub(super) mod losses;
 pub mod paraxial;
 pub mod ray;
 mod ray_budget;

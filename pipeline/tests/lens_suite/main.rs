@@ -4,12 +4,16 @@
 //!
 //! Light left of single rays, bare and with a quarter wave on boundaries with air: `tests/data/transmission.txt`, by another method
 //! (`scripts/lens_suite/transmission.py`).
+//! Rays along ghost paths and their light: `tests/data/ghosts.txt`, by that method (`scripts/lens_suite/ghosts.py`).
 //! Values: `tests/data/lens_suite.txt`, made by `scripts/lens_suite/make.py` (NumPy; compared there with Optiland).
 
 use lenscube_pipeline::design::System;
 use lenscube_pipeline::design::coating::Coating;
 use lenscube_pipeline::design::coatings::Coatings;
 use lenscube_pipeline::design::field_figures::field_figures;
+use lenscube_pipeline::design::ghost::apertures::Apertures;
+use lenscube_pipeline::design::ghost::light::GhostLight;
+use lenscube_pipeline::design::ghost::{GhostLens, GhostPath};
 use lenscube_pipeline::design::illumination::irradiance_sr;
 use lenscube_pipeline::design::paraxial::Paraxial;
 use lenscube_pipeline::design::psf::{PsfGrid, PsfScratch, PupilFunction};
@@ -120,4 +124,36 @@ fn light_left_of_single_rays_equals_the_independent_one() {
         }
     }
     assert!(checked > 280 && worst < 1e-9, "{checked} rays, {worst:e}");
+}
+
+#[test]
+fn rays_along_ghost_paths_equal_the_independent_ones() {
+    let (mut checked, mut place, mut light) = (0, 0.0_f64, 0.0_f64);
+    let lenses = suite();
+    for line in include_str!("../data/ghosts.txt").lines().filter(|l| l.starts_with("ghost ")) {
+        let cells: Vec<&str> = line.split(' ').collect();
+        let number = |i: usize| cells[i].parse::<f64>().unwrap();
+        let system = &lenses.iter().find(|e| e.system.name.replace(' ', "_") == cells[1]).unwrap().system;
+        let path = GhostPath { first: number(2) as usize, second: number(3) as usize };
+        for (coating, column) in [(Coating::Bare, 9), (Coating::quarter_wave("MgF2", 1.38, 0.55), 10)] {
+            let coatings = Coatings { default: coating, surfaces: Vec::new() };
+            let coated = system.clone().with_coatings(&coatings).unwrap();
+            let count = coated.surfaces.len();
+            let open = Apertures {
+                clear_mm: vec![1e6; count],
+                hidden_mm: vec![None; count],
+                of_rays: Vec::new(),
+            };
+            let lens = GhostLens::new(&coated, UM[1], &open).unwrap();
+            let of_film = GhostLight::new(&coated, UM[1], 0.1).unwrap();
+            // The file has the field point on +x of the first light, whatever the sign of the image.
+            let tan = lens.tracer().image_sign() * number(4);
+            let ray = lens.ray(Some(path), &of_film, tan, (number(5), number(6))).unwrap();
+            let size = number(7).abs().max(number(8).abs()).max(1.0);
+            place = place.max((ray.landing.x - number(7)).abs().max((ray.landing.y - number(8)).abs()) / size);
+            light = light.max((ray.weight / number(column) - 1.0).abs());
+            checked += 1;
+        }
+    }
+    assert!(checked == 350 && place < 1e-9 && light < 1e-9, "{checked} rays, {place:e}, {light:e}");
 }

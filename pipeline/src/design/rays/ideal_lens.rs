@@ -21,7 +21,7 @@ use crate::design::prescription::system::System;
 
 /// An ideal lens for one wavelength and object.
 #[derive(Clone, Copy, Debug, PartialEq)]
-pub(super) struct IdealLens {
+pub(in crate::design) struct IdealLens {
     focal_mm: f64,
     /// 1/s of the axial object point, 1/mm; none if it lies on the lens.
     vergence: Option<f64>,
@@ -43,11 +43,16 @@ pub(super) fn ideal_lenses(system: &System, indices: &[f64]) -> Vec<Option<Ideal
 }
 
 impl IdealLens {
+    /// A lens that bends rays and adds no path.
+    pub(in crate::design) fn without_path(focal_mm: f64) -> Self {
+        Self { focal_mm, vergence: None }
+    }
+
     /// Bends `ray`, which is on the lens, from index `n1` to `n2`, and adds the path φ.
     ///
     /// # Errors
     /// [`Stopped::Misses`] for a ray along the lens.
-    pub(super) fn bend<T: Scalar>(&self, ray: &mut Ray<T>, n1: f64, n2: f64) -> Result<(), Stopped> {
+    pub(in crate::design) fn bend<T: Scalar>(&self, ray: &mut Ray<T>, n1: f64, n2: f64) -> Result<(), Stopped> {
         let [x, y, _] = ray.p;
         let [l, m, n] = ray.d;
         if n.value() <= 0.0 {

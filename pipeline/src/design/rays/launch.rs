@@ -12,7 +12,7 @@ impl Tracer<'_> {
     /// The ray of the field point at `tan` through the point (x, y) of the entrance pupil plane, mm.
     pub(super) fn launch<T: Scalar>(&self, tan: impl Into<T>, x: T, y: T) -> Ray<T> {
         let p = [x, y, T::of(self.primary.entrance_pupil_mm)];
-        let t = T::of(self.sign()) * tan.into();
+        let t = T::of(self.image_sign()) * tan.into();
         let Some(distance) = self.object_distance_mm() else {
             let n = T::of(1.0) / (T::of(1.0) + t * t).sqrt();
             return Ray { p, d: [t * n, T::of(0.0), n], path: t * n * x };

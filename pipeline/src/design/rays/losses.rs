@@ -23,10 +23,11 @@ use num_complex::Complex64;
 
 /// What a system takes from the light of one wavelength.
 #[derive(Clone, Debug)]
-pub(super) struct Losses {
-    coatings: Vec<Option<CoatingAt>>,
+pub(in crate::design) struct Losses {
+    /// Of each surface.
+    pub(in crate::design) coatings: Vec<Option<CoatingAt>>,
     /// Of the medium before each surface, 1/mm.
-    absorption_per_mm: Vec<f64>,
+    pub(in crate::design) absorption_per_mm: Vec<f64>,
 }
 
 impl Losses {
@@ -34,7 +35,7 @@ impl Losses {
     ///
     /// # Errors
     /// A wavelength outside the tables of a coating.
-    pub(super) fn new(system: &System, um: f64) -> Result<Option<Self>, DesignError> {
+    pub(in crate::design) fn new(system: &System, um: f64) -> Result<Option<Self>, DesignError> {
         if system.surfaces.iter().all(|s| s.coating.is_none()) {
             return Ok(None);
         }

@@ -251,7 +251,7 @@ impl<'a> Tracer<'a> {
     }
 
     /// Radius in the stop that real aiming aims at, mm.
-    pub(super) fn stop_radius_mm(&self) -> f64 {
+    pub(in crate::design) fn stop_radius_mm(&self) -> f64 {
         self.stop_radius_mm
     }
 
@@ -261,7 +261,7 @@ impl<'a> Tracer<'a> {
     }
 
     /// Sign of a field point for an image on +x.
-    pub(super) fn sign(&self) -> f64 {
+    pub fn image_sign(&self) -> f64 {
         self.sign
     }
 

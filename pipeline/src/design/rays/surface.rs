@@ -167,7 +167,7 @@ impl Shape {
     }
 
     /// Unit normal at the ray's point on the surface, along +z.
-    pub(super) fn normal<T: Scalar>(&self, ray: &Ray<T>) -> Result<[T; 3], Stopped> {
+    pub(in crate::design) fn normal<T: Scalar>(&self, ray: &Ray<T>) -> Result<[T; 3], Stopped> {
         Ok(if self.is_flat() {
             [T::of(0.0), T::of(0.0), T::of(1.0)]
         } else if self.conic == 0.0 && !self.is_aspheric() {
