@@ -2,6 +2,7 @@
 
 mod bytes;
 mod coatings;
+mod reflectance;
 
 use crate::args::{DesignArgs, ImagePlaneArg};
 use crate::failure::usage;
@@ -14,6 +15,7 @@ use formats::design::{LensFile, LensFileError, ReadOptions, agf, is_lens_file};
 use pipeline::design::crossing::crossings;
 use pipeline::design::glass_library::GlassLibrary;
 use pipeline::design::system::{ImagePlane, System};
+pub use reflectance::reflectance;
 use std::path::{Path, PathBuf};
 
 /// Name of the built-in design that examples use.

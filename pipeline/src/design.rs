@@ -9,6 +9,7 @@
 //! | [`pupil`] | the open part of the pupil and its sampling; [`bundle`]: its rays; [`rim`]: its outermost rays, working F-numbers; [`illumination`]: RI, the light of a bundle per area of the film; `function`, `disc`, `pupils`: pupil functions, also between traced heights |
 //! | [`figures`] | [`mod@describe`]: first-order data; [`spots`], [`pattern_spot`]: spot diagrams and best focus; [`wavefront`], [`zernike`]; [`field_curvature`]; [`cardinal`], [`paraxial_rays`], [`seidel`]: first and third order; [`field_figures`]; [`image_circle`]; [`light`]: transmission; [`crossing`]: surfaces that cross; `aiming_check`: whether paraxial aiming is accurate enough; `refocus`: the film at another focus |
 //! | [`psf`] | a Huygens sum over rays, by `nufft` and `fourier`; [`field_psf`]: PSF of one field point, its encircled energy and MTF; [`film_pixel`]: shares per film pixel; [`pupil_stack`]: PSFs computed from stored pupil functions |
+//! | [`ghost`] | light of two reflections: paths, their rays and light, first order; the operator from rings of a scene to rings of a film |
 //! | [`tables`] | [`mod@trace`]: the tables of one band; `window`, `grid`, `refine`: window, heights and azimuths by error; [`depth`]: depth nodes |
 //!
 //! Coordinates: z along the light, the field point's image on +x; symmetric about the meridian y = 0. mm, wavelengths in µm.

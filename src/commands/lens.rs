@@ -6,6 +6,7 @@ pub mod convert;
 mod cross_section;
 mod curves;
 mod diff;
+mod ghosts;
 mod import;
 mod light;
 mod list;

@@ -4,6 +4,7 @@ mod coatings;
 mod commands;
 mod design_files;
 mod figures;
+mod ghosts;
 mod opticstudio;
 mod runs;
 

@@ -29,7 +29,5 @@ pub mod share;
 mod test_lenses;
 pub mod trace;
 mod window;
-#[cfg(test)]
-mod bench_tmp;
 
 pub use path::{GhostLens, GhostPath};

@@ -139,18 +139,16 @@ fn rays_along_ghost_paths_equal_the_independent_ones() {
             let coatings = Coatings { default: coating, surfaces: Vec::new() };
             let coated = system.clone().with_coatings(&coatings).unwrap();
             let count = coated.surfaces.len();
-            let open = Apertures {
-                clear_mm: vec![1e6; count],
-                hidden_mm: vec![None; count],
-                of_rays: Vec::new(),
-            };
+            let open =
+                Apertures { clear_mm: vec![1e6; count], hidden_mm: vec![None; count], of_rays: Vec::new() };
             let lens = GhostLens::new(&coated, UM[1], &open).unwrap();
             let of_film = GhostLight::new(&coated, UM[1], 0.1).unwrap();
             // The file has the field point on +x of the first light, whatever the sign of the image.
             let tan = lens.tracer().image_sign() * number(4);
             let ray = lens.ray(Some(path), &of_film, tan, (number(5), number(6))).unwrap();
             let size = number(7).abs().max(number(8).abs()).max(1.0);
-            place = place.max((ray.landing.x - number(7)).abs().max((ray.landing.y - number(8)).abs()) / size);
+            place =
+                place.max((ray.landing.x - number(7)).abs().max((ray.landing.y - number(8)).abs()) / size);
             light = light.max((ray.weight / number(column) - 1.0).abs());
             checked += 1;
         }

@@ -1,5 +1,6 @@
 //! `lenscube lens light`: what a lens leaves of the light.
 
+use super::ghosts;
 use super::trace::wavelengths;
 use crate::args::{CoatingsArg, LightArgs};
 use crate::design;
@@ -31,6 +32,7 @@ pub fn command(args: &LightArgs) -> Result<()> {
         .collect::<Result<_, _>>()
         .with_context(light)?;
     let surfaces = surface_light(&system, system.primary_um() * 1e3).with_context(light)?;
+    let ghosts = ghosts::of_design(args, &system, edge_tan).with_context(light)?;
     system.notes.iter().for_each(|note| log_line(format!("note: {note}")));
     match args.json {
         true => print(serde_json::to_string_pretty(&json!({
@@ -39,8 +41,12 @@ pub fn command(args: &LightArgs) -> Result<()> {
             "edge_field_tan": edge_tan,
             "bands": figures.iter().map(band).collect::<Vec<_>>(),
             "surfaces": surfaces.iter().map(surface).collect::<Vec<_>>(),
+            "ghosts": ghosts.as_ref().map(|g| g.json(&system)),
         }))?),
-        false => text(args, &system, edge_deg, &figures, &surfaces),
+        false => {
+            text(args, &system, edge_deg, &figures, &surfaces);
+            ghosts.iter().for_each(|g| g.print(&system));
+        }
     }
     Ok(())
 }

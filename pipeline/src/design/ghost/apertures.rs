@@ -61,7 +61,9 @@ fn radii_of_rays(tracer: &Tracer<'_>, film: usize, last: f64) -> Vec<f64> {
             if !tracer.passes(tan, p, 0.0) {
                 continue;
             }
-            for (radius, [_, x, _]) in used.iter_mut().zip(tracer.meridional_ray(tan, p).into_iter().flatten()) {
+            for (radius, [_, x, _]) in
+                used.iter_mut().zip(tracer.meridional_ray(tan, p).into_iter().flatten())
+            {
                 *radius = radius.max(x.abs());
             }
         }

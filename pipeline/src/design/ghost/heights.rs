@@ -155,8 +155,14 @@ impl RayGrid {
     /// x, y and overshoot in cell (i, j) at the shares `at` of its sides.
     pub(super) fn between(&self, across: usize, (i, j): (usize, usize), (u, v): (f64, f64)) -> [f64; 3] {
         let node = |di: usize, dj: usize| ((i + di) * (across + 1) + j + dj) * self.stride;
-        let corners = [(node(0, 0), (1.0 - u) * (1.0 - v)), (node(0, 1), (1.0 - u) * v), (node(1, 0), u * (1.0 - v)), (node(1, 1), u * v)];
-        [X, Y, OVERSHOOT].map(|k| corners.iter().map(|(at, share)| share * f64::from(self.values[at + k])).sum())
+        let corners = [
+            (node(0, 0), (1.0 - u) * (1.0 - v)),
+            (node(0, 1), (1.0 - u) * v),
+            (node(1, 0), u * (1.0 - v)),
+            (node(1, 1), u * v),
+        ];
+        [X, Y, OVERSHOOT]
+            .map(|k| corners.iter().map(|(at, share)| share * f64::from(self.values[at + k])).sum())
     }
 }
 

@@ -153,7 +153,8 @@ mod tests {
     #[test]
     fn tabulated_light_is_that_of_each_ray() {
         for coating in coatings() {
-            let coated = crate::design::prescription::coatings::Coatings { default: coating, surfaces: Vec::new() };
+            let coated =
+                crate::design::prescription::coatings::Coatings { default: coating, surfaces: Vec::new() };
             let system = crate::design::System::double_gauss_28().with_coatings(&coated).unwrap();
             let apertures = Apertures::new(&system, 24.57).unwrap();
             let lens = GhostLens::new(&system, 0.54, &apertures).unwrap();

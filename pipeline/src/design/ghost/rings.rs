@@ -187,9 +187,10 @@ impl RingOperator {
             let scale = if m == 0 { 1.0 } else { 2.0 } / azimuths as f64;
             for j in 0..rings {
                 let row = &self.values[(m * rings + j) * source_rings..][..source_rings];
-                let (c, s) = row.iter().zip(&sources).fold((0.0, 0.0), |(c, s), (g, v)| {
-                    (c + f64::from(*g) * v.0, s + f64::from(*g) * v.1)
-                });
+                let (c, s) = row
+                    .iter()
+                    .zip(&sources)
+                    .fold((0.0, 0.0), |(c, s), (g, v)| (c + f64::from(*g) * v.0, s + f64::from(*g) * v.1));
                 let out = &mut film.power[j * azimuths..(j + 1) * azimuths];
                 for (k, out) in out.iter_mut().enumerate() {
                     let (cos, sin) = wave[k * m % azimuths];
@@ -272,7 +273,15 @@ mod tests {
         // Turned by five azimuths.
         let turn = |power: &RingPower| RingPower {
             azimuths,
-            power: power.power.chunks(azimuths).flat_map(|ring| { let mut r = ring.to_vec(); r.rotate_right(5); r }).collect(),
+            power: power
+                .power
+                .chunks(azimuths)
+                .flat_map(|ring| {
+                    let mut r = ring.to_vec();
+                    r.rotate_right(5);
+                    r
+                })
+                .collect(),
         };
         let (a, b) = (operator.apply(&turn(&scene)), turn(&film));
         let largest = b.power.iter().copied().fold(0.0, f64::max);
@@ -295,7 +304,8 @@ mod tests {
         // The mean over the azimuth: near the axis steps of 0.02 mm are wider than an azimuth.
         for r in [1e-3, 0.1, 0.3, 0.8, 2.2, 11.7] {
             let at = |k: i32| (f64::from(k) * PI / 96.0).sin_cos();
-            let mean = (0..192).map(|k| even.density(&sizes, (r * at(k).1, r * at(k).0))).sum::<f64>() / 192.0;
+            let mean =
+                (0..192).map(|k| even.density(&sizes, (r * at(k).1, r * at(k).0))).sum::<f64>() / 192.0;
             near(mean, 3.0, 0.02);
         }
     }

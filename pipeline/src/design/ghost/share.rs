@@ -1,7 +1,9 @@
 //! Shares of ghosts by real rays over the windows of their paths.
 
+use super::light::GhostLight;
 use super::light_tables::{LANES, PathTables};
-use super::path::{Crossing, GhostLens};
+use super::path::{Crossing, GhostLens, GhostPath};
+use super::trace::Landing;
 use super::window::Window;
 use crate::design::prescription::error::DesignError;
 use crate::design::pupil::bundle::Bundle;
@@ -29,10 +31,34 @@ impl PathLight {
     }
 }
 
+/// A ray on the film with its light.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct GhostRay {
+    /// Where it lands.
+    pub landing: Landing,
+    /// Share of its light that is left.
+    pub weight: f64,
+}
+
 /// Rays per cell of a window, along and across.
 const RAYS: usize = 3;
 
 impl GhostLens<'_> {
+    /// The ray along `path` (the image's way: `None`) from the object point at tan(field angle) `tan` through (x, y) in mm in the plane of the first vertex. None if it ends on the way; a
+    /// ray that a clear radius blocks has an overshoot above 0.
+    pub fn ray(
+        &self,
+        path: Option<GhostPath>,
+        light: &GhostLight,
+        tan: f64,
+        (x, y): (f64, f64),
+    ) -> Option<GhostRay> {
+        let crossings = self.crossings(path);
+        let mut meetings = Vec::with_capacity(crossings.len());
+        let landing = self.follow(&crossings, self.start(tan, x, y).0, &mut meetings)?;
+        Some(GhostRay { landing, weight: light.weight(&crossings, &meetings) })
+    }
+
     /// Flux of the image's bundle on the axis: mm² of the pupil for an object at infinity, else in direction cosines at the object; with losses.
     ///
     /// # Errors
@@ -101,11 +127,9 @@ impl GhostLens<'_> {
 
 #[cfg(test)]
 mod tests {
-    use super::super::light::GhostLight;
     use super::super::light_tables::LightTables;
-    use super::super::path::{GhostPath, ghost_paths};
+    use super::super::path::ghost_paths;
     use super::super::test_lenses::*;
-    use super::super::trace::Landing;
     use super::*;
     use crate::design::prescription::coating::Coating;
     use crate::design::prescription::system::System;

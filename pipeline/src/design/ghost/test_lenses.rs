@@ -51,3 +51,10 @@ pub(super) fn coatings() -> [Coating; 3] {
     let low = Spectrum { name: "low".to_owned(), entries: vec![(0.5, 0.002)] };
     [Coating::Bare, Coating::quarter_wave("MgF2", 1.38, 0.55), Coating::Reflectance(low)]
 }
+
+/// A biconvex lens of 20 mm behind its stop, f/4, uncoated.
+pub(super) fn singlet() -> System {
+    let mut system = lens(&[(0.0, 1.0, 1.0, 2.5), (0.05, 3.0, 1.5, 5.0), (-0.05, 19.0, 1.0, 5.0)], 0);
+    system.aperture = Aperture::EntrancePupil(5.0);
+    system
+}

@@ -1,11 +1,10 @@
 //! Real rays along a ghost path.
 //!
 //! Rays start in the plane of the first vertex, from an object point of the meridian. A ray that misses a surface, arrives at one from behind or is totally reflected ends. One that
-//! a clear radius or an obscuration blocks is followed on, as long as it can be: its overshoot is the largest r²/a² − 1 (clear radius) or 1 − r²/a² (obscuration) of its
+//! a clear radius or an obscuration blocks is followed on, as long as it can be: its overshoot is the largest r/a − 1 (clear radius) or 1 − r/a (obscuration) of its
 //! crossings, so that the rim of the light can be found between rays.
 
-use super::light::GhostLight;
-use super::path::{Act, Crossing, GhostLens, GhostPath};
+use super::path::{Act, Crossing, GhostLens};
 use crate::design::rays::surface::Ray;
 
 /// How a ray meets a surface, for its light.
@@ -30,36 +29,12 @@ pub struct Landing {
     pub overshoot: f64,
 }
 
-/// A ray on the film with its light.
-#[derive(Clone, Copy, Debug, PartialEq)]
-pub struct GhostRay {
-    /// Where it lands.
-    pub landing: Landing,
-    /// Share of its light that is left.
-    pub weight: f64,
-}
-
 /// Distance that rounding may put behind a surface, mm.
 const BEHIND_MM: f64 = -1e-9;
 /// Sine of an angle of incidence below which all directions across the ray are s.
 const NORMAL_INCIDENCE: f64 = 1e-12;
 
 impl GhostLens<'_> {
-    /// The ray along `path` (the image's way: `None`) from the object point at tan(field angle) `tan` through (x, y) in mm in the plane of the first vertex. None if it ends on the way; a
-    /// ray that a clear radius blocks has an overshoot above 0.
-    pub fn ray(
-        &self,
-        path: Option<GhostPath>,
-        light: &GhostLight,
-        tan: f64,
-        (x, y): (f64, f64),
-    ) -> Option<GhostRay> {
-        let crossings = self.crossings(path);
-        let mut meetings = Vec::with_capacity(crossings.len());
-        let landing = self.follow(&crossings, self.start(tan, x, y).0, &mut meetings)?;
-        Some(GhostRay { landing, weight: light.weight(&crossings, &meetings) })
-    }
-
     /// The ray from the object point at tan(field angle) `tan` through (x, y) in the plane of the first vertex, and the flux per dx dy: 1 for an object at infinity, else
     /// d(L, M)/d(x, y) at the object.
     pub(super) fn start(&self, tan: f64, x: f64, y: f64) -> (Ray<f64>, f64) {
@@ -101,11 +76,10 @@ impl GhostLens<'_> {
                 meetings.push(Meeting { cos: 1.0, turn: [1.0, 0.0], length_mm });
                 return Some(Landing { x: ray.p[0], y: ray.p[1], overshoot });
             }
-            let r2 = ray.p[0] * ray.p[0] + ray.p[1] * ray.p[1];
-            let clear = self.apertures.clear_mm[crossing.surface];
-            overshoot = overshoot.max(r2 / (clear * clear) - 1.0);
+            let r = (ray.p[0] * ray.p[0] + ray.p[1] * ray.p[1]).sqrt();
+            overshoot = overshoot.max(r / self.apertures.clear_mm[crossing.surface] - 1.0);
             if let Some(hidden) = self.apertures.hidden_mm[crossing.surface] {
-                overshoot = overshoot.max(1.0 - r2 / (hidden * hidden));
+                overshoot = overshoot.max(1.0 - r / hidden);
             }
             if !crossing.is_boundary {
                 meetings.push(Meeting { cos: 1.0, turn: [1.0, 0.0], length_mm });

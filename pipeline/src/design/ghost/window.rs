@@ -67,7 +67,9 @@ impl GhostLens<'_> {
             sizes.sort_by(f64::total_cmp);
             sizes[sizes.len() / 2]
         };
-        let cells = |whole: f64, part: f64, cells: f64, most: f64| (cells * whole / part).clamp(cells, most).ceil() as usize;
+        let cells = |whole: f64, part: f64, cells: f64, most: f64| {
+            (cells * whole / part).clamp(cells, most).ceil() as usize
+        };
         let along = cells(x_mm.1 - x_mm.0, median(|p| p.x.1 - p.x.0), CELLS.0, MOST_CELLS.0);
         let across = cells(y_mm, median(|p| p.y.1), CELLS.1, MOST_CELLS.1);
         Some(Window { shift_mm, x_mm, y_mm, cells: (along, across) })
@@ -79,8 +81,7 @@ impl GhostLens<'_> {
         let mut part = Part { x: (-radius, radius), y: (0.0, radius) };
         let mut meetings = Vec::with_capacity(crossings.len());
         for round in 0..=ROUNDS {
-            let (dx, dy) =
-                ((part.x.1 - part.x.0) / COARSE.0 as f64, (part.y.1 - part.y.0) / COARSE.1 as f64);
+            let (dx, dy) = ((part.x.1 - part.x.0) / COARSE.0 as f64, (part.y.1 - part.y.0) / COARSE.1 as f64);
             let mut open: Vec<(f64, f64)> = Vec::new();
             let mut nearest: Option<(f64, f64, f64)> = None;
             for i in 0..=COARSE.0 {

@@ -52,7 +52,12 @@ impl IdealLens {
     ///
     /// # Errors
     /// [`Stopped::Misses`] for a ray along the lens.
-    pub(in crate::design) fn bend<T: Scalar>(&self, ray: &mut Ray<T>, n1: f64, n2: f64) -> Result<(), Stopped> {
+    pub(in crate::design) fn bend<T: Scalar>(
+        &self,
+        ray: &mut Ray<T>,
+        n1: f64,
+        n2: f64,
+    ) -> Result<(), Stopped> {
         let [x, y, _] = ray.p;
         let [l, m, n] = ray.d;
         if n.value() <= 0.0 {
