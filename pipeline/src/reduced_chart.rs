@@ -6,7 +6,7 @@
 //! Values are as the image reads them (scale, offset, treatment of NaN). In f64: each column of a cell from top to bottom, then the columns
 //! from left to right; the mean is rounded to f32 once. So its bits do not depend on the rectangles that are read or on the threads.
 //!
-//! Each chart pixel is read once, in rectangles of at most [`BLOCK_PX`] squared that begin at multiples of it, which are those of usual chunks.
+//! Each chart pixel is read once, in rectangles of at most 512 px squared that begin at multiples of it, which are those of usual chunks.
 
 use crate::flow::{ChartSource, SourceSinkError};
 use crate::geometry::{Rect, Size};
@@ -151,14 +151,33 @@ impl ReducedChart {
     /// Bilinear value at chart coordinates (row, column), pixel centres at integers; `surround` beyond the chart.
     #[inline]
     pub fn at(&self, row: f64, column: f64, surround: Surround) -> f64 {
-        let along = |at: f64, n: usize| {
-            let place = (at + 0.5) / self.side as f64 - 0.5;
+        let place = |at: f64| (at + 0.5) / self.side as f64 - 0.5;
+        let (mut y, mut x) = (place(row), place(column));
+        let last = (self.size.height as f64 - 1.0, self.size.width as f64 - 1.0);
+        if surround == Surround::Edge {
+            (y, x) = (y.clamp(0.0, last.0), x.clamp(0.0, last.1));
+        }
+        let has_pairs = self.size.height > 1 && self.size.width > 1;
+        if has_pairs && y >= 0.0 && y <= last.0 && x >= 0.0 && x <= last.1 {
+            let (i, j) = ((y as usize).min(self.size.height - 2), (x as usize).min(self.size.width - 2));
+            let (fy, fx) = (y - i as f64, x - j as f64);
+            let line = |row: usize| {
+                let pair = &self.values[row * self.size.width + j..][..2];
+                (1.0 - fx) * f64::from(pair[0]) + fx * f64::from(pair[1])
+            };
+            return (1.0 - fy) * line(i) + fy * line(i + 1);
+        }
+        self.beyond((y, x), surround)
+    }
+
+    /// [`ReducedChart::at`] for the place (row, column) in cells, which need not lie between cells.
+    fn beyond(&self, (y, x): (f64, f64), surround: Surround) -> f64 {
+        let along = |place: f64, n: usize| {
             let cell = place.floor();
             let index = |i: f64| surround.index(i as i64, n);
             (index(cell), index(cell + 1.0), place - cell)
         };
-        let ((top, bottom, fy), (left, right, fx)) =
-            (along(row, self.size.height), along(column, self.size.width));
+        let ((top, bottom, fy), (left, right, fx)) = (along(y, self.size.height), along(x, self.size.width));
         let value = |row: Option<usize>, column: Option<usize>| match (row, column) {
             (Some(row), Some(column)) => f64::from(self.values[row * self.size.width + column]),
             _ => 0.0,

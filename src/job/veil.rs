@@ -116,6 +116,6 @@ impl JobLayer for JobVeil {
     fn coefficients(&self, band: &LayerInputs<'_>) -> Result<Vec<f32>, SourceSinkError> {
         let LayerInputs { chart, chart_band, frame, plan, options, gain, threads, cancel } = *band;
         let reduced = ReducedChart::read(chart, chart_band, self.maker.plan().reduced_px, threads, cancel)?;
-        Ok(self.maker.layer(frame, &plan.lens, options, gain, self.shares, &reduced))
+        Ok(self.maker.layer(frame, &plan.lens, options, gain, self.shares, &reduced, threads))
     }
 }

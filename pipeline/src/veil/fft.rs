@@ -1,9 +1,9 @@
-//! Discrete Fourier transforms of planes of f64, with the same bits on every host.
+//! Discrete Fourier transforms of planes of real values in f64, with the same bits on every host.
 //!
 //! ```text
 //! F(v, u) = Σ_y Σ_x f(y, x) e^(−2πi (v y/H + u x/W)),   inverse with e^(+…) and without the factor 1/(H W)
 //! ```
-//! Sides are 2^a or 3·2^a, at least [`LANES`]. Stockham's method (radix 4, and at most one stage of radix 3 and of radix 2), [`LANES`] lines
+//! F(−v, −u) is the conjugate of F(v, u): only u = 0 … W/2 are kept. Two real rows are one complex line. Sides are 2^a or 3·2^a, at least 16. Stockham's method (radix 4, and at most one stage of radix 3 and of radix 2), [`LANES`] lines
 //! at a time, which compilers turn into vector instructions without fused operations. The roots of unity are those of [`crate::real`]: rustfft's
 //! come from the host's C library and differ between hosts in the last bit.
 //! Source: Van Loan, Computational Frameworks for the Fast Fourier Transform (SIAM 1992), 1.7 and 2.4.
@@ -147,10 +147,13 @@ pub struct Planes {
     width: usize,
 }
 
+/// Rows that are transformed together: two in each line.
+const ROWS: usize = 2 * LANES;
+
 /// The smallest side of at least `n` that [`Planes`] transform.
 pub fn side(n: usize) -> usize {
-    let two = n.max(LANES).next_power_of_two();
-    let three = 3 * n.div_ceil(3).max(LANES).next_power_of_two();
+    let two = n.max(ROWS).next_power_of_two();
+    let three = 3 * n.div_ceil(3).max(ROWS).next_power_of_two();
     two.min(three)
 }
 
@@ -164,51 +167,85 @@ impl Planes {
         Self { height, width }
     }
 
-    /// Transforms a plane, row by row, of which the rows from `rows` on are 0.
-    pub fn forward(&self, plane: &mut [Complex64], rows: usize) {
-        self.rows(plane, rows, -1.0);
-        self.columns(plane, -1.0);
+    /// Values of a row of a spectrum: W/2 + 1, and zeros up to a multiple of [`LANES`].
+    pub fn stride(&self) -> usize {
+        (self.width / 2 + 1).next_multiple_of(LANES)
     }
 
-    /// Transforms back; only the first `rows` rows of the result are computed. The factor 1/(height·width) is not applied.
-    pub fn inverse(&self, plane: &mut [Complex64], rows: usize) {
-        self.columns(plane, 1.0);
-        self.rows(plane, rows, 1.0);
-    }
-
-    fn rows(&self, plane: &mut [Complex64], rows: usize, sign: f64) {
-        let lines = Lines::new(self.width, sign);
-        let (mut values, mut other) =
-            (vec![Values::default(); self.width], vec![Values::default(); self.width]);
-        for block in plane[..rows.next_multiple_of(LANES).min(self.height) * self.width]
-            .chunks_exact_mut(LANES * self.width)
-        {
-            for (lane, row) in block.chunks_exact(self.width).enumerate() {
-                for (to, from) in values.iter_mut().zip(row) {
-                    (to.re[lane], to.im[lane]) = (from.re, from.im);
+    /// The spectrum of the plane whose first rows and columns are `values`, rows `columns` wide, and 0 elsewhere.
+    pub fn forward(&self, values: &[f64], columns: usize) -> Vec<Complex64> {
+        let (stride, lines) = (self.stride(), Lines::new(self.width, -1.0));
+        let mut spectrum = vec![Complex64::default(); self.height * stride];
+        let mut line = vec![Values::default(); self.width];
+        let mut other = line.clone();
+        for (rows, to) in values.chunks(ROWS * columns).zip(spectrum.chunks_exact_mut(ROWS * stride)) {
+            line.fill(Values::default());
+            for (row, values) in rows.chunks_exact(columns).enumerate() {
+                let lane = row / 2;
+                for (to, value) in line.iter_mut().zip(values) {
+                    *(if row % 2 == 0 { &mut to.re[lane] } else { &mut to.im[lane] }) = *value;
                 }
             }
-            lines.transform(&mut values, &mut other);
-            for (lane, row) in block.chunks_exact_mut(self.width).enumerate() {
-                for (to, from) in row.iter_mut().zip(&values) {
-                    *to = Complex64::new(from.re[lane], from.im[lane]);
+            lines.transform(&mut line, &mut other);
+            for u in 0..=self.width / 2 {
+                let (a, b) = (&line[u], &line[(self.width - u) % self.width]);
+                for lane in 0..LANES {
+                    // The even part of a + ib is that of the first row, the odd part i times that of the second.
+                    let (sum, difference) = (a.re[lane] + b.re[lane], a.re[lane] - b.re[lane]);
+                    let (im_sum, im_difference) = (a.im[lane] + b.im[lane], a.im[lane] - b.im[lane]);
+                    to[2 * lane * stride + u] = Complex64::new(0.5 * sum, 0.5 * im_difference);
+                    to[(2 * lane + 1) * stride + u] = Complex64::new(0.5 * im_sum, -0.5 * difference);
                 }
             }
         }
+        self.columns(&mut spectrum, -1.0);
+        spectrum
     }
 
-    fn columns(&self, plane: &mut [Complex64], sign: f64) {
-        let lines = Lines::new(self.height, sign);
-        let (mut values, mut other) =
-            (vec![Values::default(); self.height], vec![Values::default(); self.height]);
-        for column in (0..self.width).step_by(LANES) {
-            for (to, row) in values.iter_mut().zip(plane.chunks_exact(self.width)) {
+    /// The first `rows` rows of the plane of `spectrum`, which is overwritten, each complete. The factor 1/(H W) is not applied.
+    pub fn inverse(&self, spectrum: &mut [Complex64], rows: usize) -> Vec<f64> {
+        self.columns(spectrum, 1.0);
+        let (stride, lines) = (self.stride(), Lines::new(self.width, 1.0));
+        let blocks = rows.div_ceil(ROWS);
+        let mut plane = vec![0.0; blocks * ROWS * self.width];
+        let mut line = vec![Values::default(); self.width];
+        let mut other = line.clone();
+        for (from, to) in spectrum.chunks_exact(ROWS * stride).zip(plane.chunks_exact_mut(ROWS * self.width))
+        {
+            for u in 0..=self.width / 2 {
+                for lane in 0..LANES {
+                    let (a, b) = (from[2 * lane * stride + u], from[(2 * lane + 1) * stride + u]);
+                    (line[u].re[lane], line[u].im[lane]) = (a.re - b.im, a.im + b.re);
+                    let mirrored = &mut line[(self.width - u) % self.width];
+                    if u > 0 && 2 * u < self.width {
+                        (mirrored.re[lane], mirrored.im[lane]) = (a.re + b.im, b.re - a.im);
+                    }
+                }
+            }
+            lines.transform(&mut line, &mut other);
+            for (row, to) in to.chunks_exact_mut(self.width).enumerate() {
+                let lane = row / 2;
+                for (to, value) in to.iter_mut().zip(&line) {
+                    *to = if row % 2 == 0 { value.re[lane] } else { value.im[lane] };
+                }
+            }
+        }
+        plane.truncate(rows * self.width);
+        plane
+    }
+
+    fn columns(&self, spectrum: &mut [Complex64], sign: f64) {
+        let (stride, lines) = (self.stride(), Lines::new(self.height, sign));
+        let mut line = vec![Values::default(); self.height];
+        let mut other = line.clone();
+        for column in (0..stride).step_by(LANES) {
+            for (to, row) in line.iter_mut().zip(spectrum.chunks_exact(stride)) {
                 for (lane, from) in row[column..][..LANES].iter().enumerate() {
                     (to.re[lane], to.im[lane]) = (from.re, from.im);
                 }
             }
-            lines.transform(&mut values, &mut other);
-            for (from, row) in values.iter().zip(plane.chunks_exact_mut(self.width)) {
+            lines.transform(&mut line, &mut other);
+            for (from, row) in line.iter().zip(spectrum.chunks_exact_mut(stride)) {
                 for (lane, to) in row[column..][..LANES].iter_mut().enumerate() {
                     *to = Complex64::new(from.re[lane], from.im[lane]);
                 }
@@ -227,54 +264,52 @@ mod tests {
 
     #[test]
     fn sides_are_powers_of_two_or_three_times_one() {
-        assert_eq!([1, 8, 9, 17, 24, 25, 700, 1028].map(side), [8, 8, 16, 24, 24, 32, 768, 1536]);
+        assert_eq!([1, 16, 17, 33, 48, 49, 700, 1028].map(side), [16, 16, 32, 48, 48, 64, 768, 1536]);
     }
 
     /// Tolerance: rounding of the sum of some thousand terms of 0.5 in f64.
     #[test]
     fn transform_is_its_defining_sum() {
-        for (height, width) in [(8, 8), (24, 16), (16, 48), (32, 24)] {
-            let plane: Vec<Complex64> =
-                (0..height * width).map(|i| Complex64::new(noise(i), noise(i + 7777))).collect();
-            let mut found = plane.clone();
-            Planes::new(height, width).forward(&mut found, height);
-            for v in 0..height {
-                for u in 0..width {
-                    let term = |(i, value): (usize, &Complex64)| {
-                        let (y, x) = (i / width, i % width);
-                        let turns = (v * y) as f64 / height as f64 + (u * x) as f64 / width as f64;
-                        value * Complex64::from_polar(1.0, -TAU * turns)
-                    };
-                    let sum: Complex64 = plane.iter().enumerate().map(term).sum();
-                    let error = (found[v * width + u] - sum).norm();
-                    assert!(error < 1e-11, "{height} x {width}, {v}, {u}: {error}");
-                }
+        for (height, width, rows, columns) in
+            [(16, 16, 16, 16), (48, 16, 37, 9), (16, 48, 3, 48), (32, 96, 32, 50)]
+        {
+            let values: Vec<f64> = (0..rows * columns).map(noise).collect();
+            let planes = Planes::new(height, width);
+            let found = planes.forward(&values, columns);
+            for (v, u) in (0..height).flat_map(|v| (0..=width / 2).map(move |u| (v, u))) {
+                let term = |(i, value): (usize, &f64)| {
+                    let (y, x) = (i / columns, i % columns);
+                    let turns = (v * y) as f64 / height as f64 + (u * x) as f64 / width as f64;
+                    Complex64::from_polar(*value, -TAU * turns)
+                };
+                let sum: Complex64 = values.iter().enumerate().map(term).sum();
+                let error = (found[v * planes.stride() + u] - sum).norm();
+                assert!(error < 1e-11, "{height} x {width}, {v}, {u}: {error}");
             }
         }
     }
 
     #[test]
     fn inverse_returns_the_rows_that_are_asked_for() {
-        let (height, width, rows) = (96, 64, 21);
-        let mut plane = vec![Complex64::default(); height * width];
-        (0..rows * width).for_each(|i| plane[i] = Complex64::new(noise(i), 0.0));
-        let planes = Planes::new(height, width);
-        planes.forward(&mut plane, rows);
-        planes.inverse(&mut plane, rows);
-        for (i, value) in plane[..rows * width].iter().enumerate() {
-            let value = value / (height * width) as f64;
-            assert!((value.re - noise(i)).abs() < 1e-14 && value.im.abs() < 1e-14, "{i}: {value}");
+        for (height, width, rows) in [(96, 64, 21), (16, 48, 16), (48, 16, 40)] {
+            let values: Vec<f64> = (0..height * width).map(noise).collect();
+            let planes = Planes::new(height, width);
+            let found = planes.inverse(&mut planes.forward(&values, width), rows);
+            assert_eq!(found.len(), rows * width);
+            for (i, value) in found.iter().enumerate() {
+                assert!((value / (height * width) as f64 - noise(i)).abs() < 1e-14, "{i}: {value}");
+            }
         }
     }
 
     /// Bits of a transform of fixed values on any host and with any compiler.
     #[test]
     fn transform_has_fixed_bits() {
-        let mut plane: Vec<Complex64> = (0..24 * 16).map(|i| Complex64::new(noise(i), 0.0)).collect();
-        Planes::new(24, 16).forward(&mut plane, 24);
-        let digest = plane.iter().fold(0u64, |digest, value| {
+        let values: Vec<f64> = (0..48 * 16).map(noise).collect();
+        let spectrum = Planes::new(48, 16).forward(&values, 16);
+        let digest = spectrum.iter().fold(0u64, |digest, value| {
             (digest.rotate_left(7) ^ value.re.to_bits()).rotate_left(7) ^ value.im.to_bits()
         });
-        assert_eq!(digest, 11_292_674_467_809_180_515);
+        assert_eq!(digest, 2_418_275_646_323_361_036);
     }
 }

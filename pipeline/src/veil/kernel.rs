@@ -52,7 +52,7 @@ impl ScatterKernel {
 
     /// The kernel's integrals over the bins (i, j) from (0, 0) to the reach, row by row, scaled so that all bins, of negative i and j too, sum to 1.
     ///
-    /// Central bin: mean over the azimuth of the closed form at the bin's rim. Those within [`NEAR_BINS`]: Gauss points. Others: the value at the
+    /// Central bin: mean over the azimuth of the closed form at the bin's rim. Those within 4 bins: Gauss points. Others: the value at the
     /// centre times the area.
     pub fn quadrant(&self, bin_mm: f64) -> Vec<f64> {
         let side = self.reach_bins(bin_mm) + 1;

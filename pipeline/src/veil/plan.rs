@@ -10,7 +10,6 @@ use crate::lens::LensBand;
 use crate::options::Options;
 use crate::reduced_chart::ReducedChart;
 use crate::stage::Stage;
-use num_complex::Complex64;
 use std::sync::OnceLock;
 
 /// Stored bins around those of the film: what its interpolation reads.
@@ -147,6 +146,7 @@ impl VeilPlan {
     pub fn making_bytes(&self, chart: Size, threads: usize) -> usize {
         let (reduced, reading) = ReducedChart::bytes(chart, self.reduced_px, threads);
         let light = 8 * self.light_size().pixels();
+        // Spectrum of the light, factors of the kernel, and the plane that one of them comes from or goes to.
         let convolution = if self.scatter.is_some() { 24 * self.padded().pixels() } else { 0 };
         reduced + light + reading.max(convolution) + 4 * self.grid.size().pixels()
     }
@@ -184,6 +184,10 @@ impl VeilMaker {
 
     /// The coefficients of the layer of the band with the tables `band` from its reduced chart, row by row on the stored bins; `gain` is that of the
     /// whole light of the image.
+    #[allow(
+        clippy::too_many_arguments,
+        reason = "film, lens, options, light, chart and threads are independent"
+    )]
     pub fn layer(
         &self,
         frame: &Frame,
@@ -192,12 +196,14 @@ impl VeilMaker {
         gain: f64,
         shares: VeilShares,
         reduced: &ReducedChart,
+        threads: usize,
     ) -> Vec<f32> {
         let stages = options.stages;
         let (distortion, illumination) = (stages.has(Stage::Distortion), stages.has(Stage::Ri));
         let field = Field::new(band, frame.pitch_mm(), distortion, illumination, gain);
         let (bins, size) = ((self.plan.grid.bin_px, self.plan.light_margin), self.plan.light_size());
-        let light = light_of_bins(frame, &field, reduced, options.interpolation.surround, bins, size);
+        let source = (reduced, options.interpolation.surround);
+        let light = light_of_bins(frame, &field, source, bins, size, threads);
         let glare = shares.glare * self.mean_over_film(&light);
         let stored = self.plan.grid.size();
         let scattered = match (self.plan.scatter, shares.scatter > 0.0) {
@@ -219,34 +225,30 @@ impl VeilMaker {
     fn convolved(&self, kernel: &ScatterKernel, light: &[f64]) -> Vec<f64> {
         let (size, padded) = (self.plan.light_size(), self.plan.padded());
         let planes = Planes::new(padded.height, padded.width);
-        let spectrum = self.spectrum.get_or_init(|| self.spectrum(kernel, &planes));
-        let mut plane = vec![Complex64::default(); padded.pixels()];
-        for (to, from) in plane.chunks_exact_mut(padded.width).zip(light.chunks_exact(size.width)) {
-            to.iter_mut().zip(from).for_each(|(to, from)| to.re = *from);
-        }
-        planes.forward(&mut plane, size.height);
-        plane.iter_mut().zip(spectrum).for_each(|(value, factor)| *value *= factor);
-        planes.inverse(&mut plane, size.height);
+        let factors = self.spectrum.get_or_init(|| self.spectrum(kernel, &planes));
+        let mut spectrum = planes.forward(light, size.width);
+        spectrum.iter_mut().zip(factors).for_each(|(value, factor)| *value *= factor);
         let (stored, first) = (self.plan.grid.size(), self.plan.light_margin - VEIL_MARGIN_BINS);
-        let rows = plane.chunks_exact(padded.width).skip(first).take(stored.height);
-        rows.flat_map(|row| row[first..][..stored.width].iter().map(|value| value.re)).collect()
+        let plane = planes.inverse(&mut spectrum, first + stored.height);
+        let rows = plane.chunks_exact(padded.width).skip(first);
+        rows.flat_map(|row| &row[first..][..stored.width]).copied().collect()
     }
 
     /// Transform of the kernel about bin (0, 0) of the circular grid, over the number of its values.
     fn spectrum(&self, kernel: &ScatterKernel, planes: &Planes) -> Vec<f64> {
         let padded = self.plan.padded();
         let side = kernel.reach_bins(self.plan.bin_mm) + 1;
-        let mut plane = vec![Complex64::default(); padded.pixels()];
+        let mut plane = vec![0.0; padded.pixels()];
         for (k, value) in kernel.quadrant(self.plan.bin_mm).into_iter().enumerate() {
             let (i, j) = (k / side, k % side);
             for y in [i, (padded.height - i) % padded.height] {
                 for x in [j, (padded.width - j) % padded.width] {
-                    plane[y * padded.width + x].re = value;
+                    plane[y * padded.width + x] = value;
                 }
             }
         }
-        planes.forward(&mut plane, padded.height);
-        plane.iter().map(|value| value.re / padded.pixels() as f64).collect()
+        let spectrum = planes.forward(&plane, padded.width);
+        spectrum.iter().map(|value| value.re / padded.pixels() as f64).collect()
     }
 }
 
