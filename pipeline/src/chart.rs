@@ -77,6 +77,8 @@ impl Generator {
             }
             Kind::Esfr { angle_deg, contrast, grid } => drawing.esfr(*angle_deg, *contrast, *grid)?,
             Kind::DotGrid { count, width_px } => drawing.dot_grid(*count, *width_px)?,
+            Kind::BlackSpots { along, diameter } => drawing.black_spots(*along, *diameter)?,
+            Kind::Lamp { radius_px, column, row } => drawing.lamp(*radius_px, *column, *row),
             Kind::Siemens { spokes, grid } => drawing.siemens(*spokes, *grid),
             Kind::Checker => drawing.checker(),
             Kind::Composite => composite::draw(&mut drawing, spec.pitch_um),

@@ -80,7 +80,7 @@ pub struct ImageArgs {
 /// `lenscube chart KIND`
 #[derive(Debug, Args)]
 pub struct GeneratedArgs {
-    /// uniform, points, slanted-edge, iso12233-esfr, dot-grid, siemens, checker, composite or depth-scene; or image, for a picture
+    /// uniform, points, slanted-edge, iso12233-esfr, dot-grid, black-spots, lamp, siemens, checker, composite or depth-scene; or image, for a picture
     #[arg(value_name = "KIND")]
     pub kind: String,
     /// Zarr store to write, local or at s3://BUCKET/PREFIX
@@ -134,6 +134,21 @@ pub struct GeneratedArgs {
     /// siemens: pairs of dark and bright spokes
     #[arg(long)]
     pub spokes: Option<String>,
+    /// black-spots: number of black discs, a square: 9 are 3 x 3
+    #[arg(long)]
+    pub spots: Option<String>,
+    /// black-spots: their diameter, a share of the film's height: 5%
+    #[arg(long, value_name = "SHARE")]
+    pub diameter: Option<String>,
+    /// lamp: radius in pixels
+    #[arg(long, value_name = "PX")]
+    pub radius: Option<String>,
+    /// lamp: its column in film pixels [default: the middle of the film]
+    #[arg(long, allow_hyphen_values = true)]
+    pub x: Option<String>,
+    /// lamp: its row in film pixels [default: the middle of the film]
+    #[arg(long, allow_hyphen_values = true)]
+    pub y: Option<String>,
     /// depth-scene: distance of its disc and nearest floor, m
     #[arg(long, value_name = "M")]
     pub near_m: Option<String>,

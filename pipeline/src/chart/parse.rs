@@ -28,6 +28,8 @@ impl Kind {
             },
             "iso12233-esfr" => Self::Esfr { angle_deg: 5.0, contrast: 4.0, grid: 5 },
             "dot-grid" => Self::DotGrid { count: 25, width_px: 20.0 },
+            "black-spots" => Self::BlackSpots { along: 3, diameter: 0.05 },
+            "lamp" => Self::Lamp { radius_px: 10.0, column: None, row: None },
             "siemens" => Self::Siemens { spokes: 72, grid: 1 },
             "checker" => Self::Checker,
             "composite" => Self::Composite,
@@ -103,6 +105,22 @@ impl ChartSpec {
             ("grid", Kind::SlantedEdge { places, .. }) => *places = EdgePlaces::Grid(count("grid", value)?),
             ("centers", Kind::SlantedEdge { places, .. }) => *places = EdgePlaces::Centres(centres(value)?),
             ("patch_px", Kind::SlantedEdge { patch_px, .. }) => *patch_px = Some(count("patch_px", value)?),
+            ("spots", Kind::BlackSpots { along, .. }) => {
+                let spots = count("spots", value)?;
+                *along = spots.isqrt();
+                if *along * *along != spots {
+                    return Err(bad_value("spots", value, "a square number of discs: 1, 4, 9, 16, …"));
+                }
+            }
+            ("diameter", Kind::BlackSpots { diameter, .. }) => {
+                *diameter = match value.trim().strip_suffix('%') {
+                    Some(percent) => number("diameter", percent)? / 100.0,
+                    None => number("diameter", value)?,
+                };
+            }
+            ("radius", Kind::Lamp { radius_px, .. }) => *radius_px = number("radius", value)?,
+            ("x", Kind::Lamp { column, .. }) => *column = Some(number("x", value)?),
+            ("y", Kind::Lamp { row, .. }) => *row = Some(number("y", value)?),
             ("spokes", Kind::Siemens { spokes, .. }) => *spokes = count("spokes", value)?,
             ("near_m", Kind::DepthScene { near_m, .. }) => *near_m = number("near_m", value)?,
             ("far_m", Kind::DepthScene { far_m, .. }) => {

@@ -19,12 +19,14 @@ pub(super) const SIZE_EXPECTED: &str = "a film size N or WxH, each side 1 to 100
 const MAX_ALONG: usize = 128;
 
 /// Name of every kind, and its settings beside `size`, `wavelengths`, `pitch_um`, `overscan`, `illuminant` and `noise`.
-pub const KINDS: [(&str, &[&str]); 9] = [
+pub const KINDS: [(&str, &[&str]); 11] = [
     ("uniform", &["value"]),
     ("points", &["count", "blob", "width_px"]),
     ("slanted-edge", &["angle_deg", "contrast", "grid", "centers", "patch_px"]),
     ("iso12233-esfr", &["angle_deg", "contrast", "grid"]),
     ("dot-grid", &["count", "width_px"]),
+    ("black-spots", &["spots", "diameter"]),
+    ("lamp", &["radius", "x", "y"]),
     ("siemens", &["spokes", "grid"]),
     ("checker", &[]),
     ("composite", &[]),
@@ -76,6 +78,22 @@ pub enum Kind {
         /// Their diameter in pixels.
         width_px: f64,
     },
+    /// Black discs on white paper, by which veiling glare is measured (ISO 9358): their light is 0.
+    BlackSpots {
+        /// Discs along each side, in the middle of equal parts of the film.
+        along: usize,
+        /// Their diameter over the height of the film.
+        diameter: f64,
+    },
+    /// A bright disc, 10⁶ times the radiance of the paper around it.
+    Lamp {
+        /// Its radius in pixels.
+        radius_px: f64,
+        /// Its centre (column, row) in film pixels; `None`: the middle of the film.
+        column: Option<f64>,
+        /// See `column`.
+        row: Option<f64>,
+    },
     /// Siemens stars.
     Siemens {
         /// Dark sectors of a star.
@@ -107,6 +125,8 @@ impl Kind {
             Self::SlantedEdge { .. } => "slanted-edge",
             Self::Esfr { .. } => "iso12233-esfr",
             Self::DotGrid { .. } => "dot-grid",
+            Self::BlackSpots { .. } => "black-spots",
+            Self::Lamp { .. } => "lamp",
             Self::Siemens { .. } => "siemens",
             Self::Checker => "checker",
             Self::Composite => "composite",
@@ -244,6 +264,15 @@ impl ChartSpec {
                 along("count", *count)?;
                 within("width_px", *width_px, 2.2, 1000.0, "2.2 to 1000 px")
             }
+            Kind::BlackSpots { along: n, diameter } => {
+                along("spots", *n)?;
+                within("diameter", *diameter, 1e-4, 0.5, "0.01% to 50% of the film's height")
+            }
+            Kind::Lamp { radius_px, column, row } => {
+                within("radius", *radius_px, 0.5, longest, "0.5 to 1000000 px")?;
+                within("x", column.unwrap_or(0.0), -longest, longest, "a column of the film, px")?;
+                within("y", row.unwrap_or(0.0), -longest, longest, "a row of the film, px")
+            }
             Kind::Siemens { spokes, grid } => {
                 within("spokes", *spokes as f64, 2.0, 720.0, "2 to 720 dark sectors")?;
                 along("grid", *grid)
@@ -287,6 +316,14 @@ impl std::fmt::Display for ChartSpec {
                 write!(f, "&angle_deg={angle_deg}&contrast={contrast}&grid={grid}")
             }
             Kind::DotGrid { count, width_px } => write!(f, "&count={count}&width_px={width_px}"),
+            Kind::BlackSpots { along, diameter } => {
+                write!(f, "&spots={}&diameter={diameter}", along * along)
+            }
+            Kind::Lamp { radius_px, column, row } => {
+                write!(f, "&radius={radius_px}")?;
+                column.map_or(Ok(()), |x| write!(f, "&x={x}"))?;
+                row.map_or(Ok(()), |y| write!(f, "&y={y}"))
+            }
             Kind::Siemens { spokes, grid } => write!(f, "&spokes={spokes}&grid={grid}"),
             Kind::Checker | Kind::Composite => Ok(()),
             Kind::DepthScene { near_m, far_m, part } => {

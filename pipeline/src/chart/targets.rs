@@ -28,6 +28,8 @@ pub enum EdgePlaces {
 pub(super) const PAPER: f64 = 0.90;
 /// Steps of an OECF grey scale (ISO 14524).
 const GREY_STEPS: usize = 20;
+/// Radiance of a lamp over that of paper.
+const LAMP: f64 = 1e6;
 /// Reflectance of black ink.
 pub(super) const INK: f64 = 0.03;
 
@@ -75,6 +77,40 @@ impl Drawing {
             }
         }
         Ok(())
+    }
+
+    /// Perfectly black discs on paper, `along` × `along`, in the middle of equal parts of the film; their diameter over the film's height.
+    pub(super) fn black_spots(&mut self, along: usize, diameter: f64) -> Result<(), ChartError> {
+        self.inks.grey(PAPER);
+        let black = self.inks.grey(0.0);
+        let (height, width, n) = (self.film.height as f64, self.film.width as f64, along as f64);
+        let (diameter_px, spacing_px) = (diameter * height, height.min(width) / n);
+        // White around each disc is as wide as the disc.
+        if spacing_px < 2.0 * diameter_px {
+            let needed_px = 2.0 * diameter_px;
+            return Err(ChartError::Crowded { what: "black spots", count: along, spacing_px, needed_px });
+        }
+        let middle = |i: usize, length: f64| (i as f64 + 0.5) * length / n - 0.5;
+        for (i, j) in (0..along).flat_map(|i| (0..along).map(move |j| (i, j))) {
+            let at = self.at(middle(i, height), middle(j, width));
+            self.disc(at, diameter_px / 2.0, black);
+            self.note_point(at);
+        }
+        Ok(())
+    }
+
+    /// A disc of [`LAMP`] times the radiance of the paper.
+    pub(super) fn lamp(&mut self, radius_px: f64, column: Option<f64>, row: Option<f64>) {
+        self.inks.grey(PAPER);
+        let bright = self.inks.grey(LAMP * PAPER);
+        let middle = |n: usize| (n as f64 - 1.0) / 2.0;
+        let (row, column) = (
+            row.unwrap_or_else(|| middle(self.film.height)),
+            column.unwrap_or_else(|| middle(self.film.width)),
+        );
+        let at = self.at(row, column);
+        self.disc(at, radius_px, bright);
+        self.note_point(at);
     }
 
     /// Rows and columns of `count` × `count` details `width_px` wide, at least two widths from each other and from the film's border.

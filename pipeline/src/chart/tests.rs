@@ -23,7 +23,7 @@ impl Random {
     }
 }
 
-const CHARTS: [&str; 14] = [
+const CHARTS: [&str; 16] = [
     "checker?size=200x97&noise=0.2&wavelengths=550",
     "uniform?value=3.5&size=40",
     "points?size=301x200&count=5&overscan=7",
@@ -33,6 +33,8 @@ const CHARTS: [&str; 14] = [
     "siemens?size=255&grid=2&spokes=36",
     "iso12233-esfr?size=240x300&grid=3&angle_deg=-7",
     "dot-grid?size=301x200&count=5&width_px=9.5",
+    "black-spots?size=301x200&spots=4&diameter=11%",
+    "lamp?size=90x120&radius=7.5&x=30.25&y=100",
     "checker?size=200x97&illuminant=A",
     "composite?size=700&wavelengths=450,550,650",
     "composite?size=1002x1301&wavelengths=550",
@@ -345,6 +347,40 @@ fn slanted_squares_are_dark_inside_their_reported_edges() {
     assert!(greys.windows(2).all(|g| (g[1] / g[0] / ratio - 1.0).abs() < 1e-4), "{greys:?}");
     assert!(steps.iter().all(|p| p.bottom() < 45), "the steps overlap the squares' rows");
     assert!("iso12233-esfr?size=100&grid=9".parse::<Generator>().is_err());
+}
+
+#[test]
+fn black_spots_have_no_light_and_their_share_of_the_film() {
+    let chart = generate("black-spots?size=400x300&diameter=6%&wavelengths=550&overscan=0");
+    let middles: Vec<(f64, f64)> = [49.5, 149.5, 249.5]
+        .iter()
+        .flat_map(|y| [1.0, 3.0, 5.0].map(|x| (*y, x * 400.0 / 6.0 - 0.5)))
+        .collect();
+    for (found, expected) in std::iter::zip(chart.points_px(), &middles) {
+        assert!((found.0 - expected.0).hypot(found.1 - expected.1) < 1e-9, "{found:?} {expected:?}");
+    }
+    let pixels = read(&chart, 0, chart.size().rect());
+    assert_eq!(pixels[150 * 400 + 200], 0.0);
+    let missing: f64 = pixels.iter().map(|v| 1.0 - f64::from(v / pixels[0])).sum();
+    assert!((missing / (9.0 * std::f64::consts::PI * 81.0) - 1.0).abs() < 1e-4, "{missing}");
+    let text = chart.spec().to_string();
+    assert!(text.contains("&spots=9&diameter=0.06"), "{text}");
+    assert_eq!(text.parse::<ChartSpec>().unwrap(), *chart.spec());
+    for wrong in ["spots=8", "spots=0", "diameter=60%", "diameter=30%", "radius=3"] {
+        assert!(format!("black-spots?size=400&{wrong}").parse::<Generator>().is_err(), "{wrong}");
+    }
+}
+
+#[test]
+fn lamp_has_a_million_times_the_radiance_of_the_paper() {
+    let chart = generate("lamp?size=100x80&radius=6&x=30&wavelengths=550&overscan=0");
+    assert_eq!(chart.points_px(), [(39.5, 30.0)]);
+    let pixels = read(&chart, 0, chart.size().rect());
+    let (lamp, paper) = (pixels[39 * 100 + 30], pixels[0]);
+    assert!((f64::from(lamp / paper) / 1e6 - 1.0).abs() < 1e-6, "{lamp} {paper}");
+    let area: f64 = pixels.iter().map(|v| f64::from((v - paper) / (lamp - paper))).sum();
+    assert!((area / (std::f64::consts::PI * 36.0) - 1.0).abs() < 1e-4, "{area}");
+    assert_eq!(chart.spec().to_string().parse::<ChartSpec>().unwrap(), *chart.spec());
 }
 
 #[test]
