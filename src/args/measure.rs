@@ -1,19 +1,21 @@
 //! `lenscube measure`.
 
 use super::choices::{STYLE, one_of};
-use super::values::{bounded, figure, pair_within};
+use super::values::{bounded, figure, pair_within, roi};
 use clap::{ArgGroup, Args};
 use formats::picture::style::Style;
 use pipeline::bounds;
+use pipeline::geometry::Rect;
 use std::path::PathBuf;
 
 /// `lenscube measure`
 #[derive(Debug, Args)]
-#[command(group = ArgGroup::new("what").required(true).args(["edge", "points", "profile"]))]
+#[command(group = ArgGroup::new("what").required(true).args(["edge", "points", "profile", "glare"]))]
 #[command(
     after_help = "Examples:\n  lenscube measure film.zarr --edge 1020,900,1034,1060 --band 550 --plot edge.svg\n  \
 lenscube measure film.zarr//roi_0 --points '100,100;300.5,80'\n  \
-lenscube measure film.zarr --profile 0,512,1023,512 --csv profile.csv\n\
+lenscube measure film.zarr --profile 0,512,1023,512 --csv profile.csv\n  \
+lenscube measure film.zarr --glare 500,500,24,24 --white-area 300,500,24,24\n\
 Positions X,Y are column and row of the array, pixel centres at integers."
 )]
 pub struct MeasureArgs {
@@ -29,6 +31,12 @@ pub struct MeasureArgs {
     /// Values along a line in steps of 1 px, interpolated linearly
     #[arg(long, value_name = "X0,Y0,X1,Y1", value_parser = four, allow_hyphen_values = true)]
     pub profile: Option<[f64; 4]>,
+    /// Veiling glare index (ISO 9358): the mean of this black area over that of --white-area
+    #[arg(long, value_name = "X,Y,W,H", value_parser = roi, requires = "white_area", conflicts_with_all = ["plot", "csv"])]
+    pub glare: Option<Rect>,
+    /// White area of --glare
+    #[arg(long, value_name = "X,Y,W,H", value_parser = roi, requires = "glare")]
+    pub white_area: Option<Rect>,
     /// Half width of the region around an edge or a point, px
     #[arg(long, value_name = "PX", default_value_t = 24, value_parser = clap::value_parser!(u32).range(4..=1000))]
     pub half_px: u32,

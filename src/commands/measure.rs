@@ -1,4 +1,4 @@
-//! `lenscube measure`: edges, points and profiles of a film or chart, by the estimators of `validate`.
+//! `lenscube measure`: edges, points, profiles and veiling glare of a film or chart, by the estimators of `validate`.
 //!
 //! An edge is fitted between two given positions (ISO 12233: a straight line through the centroids of the line spread functions of
 //! its rows), and its pixels are averaged in bins of 1/4 px of distance. Its plateaus are the samples beyond 3/4 of the half width.
@@ -93,6 +93,9 @@ fn measure(args: &MeasureArgs, chart: &Chart, band: usize, nm: f64) -> Result<Me
     }
     if let Some([x0, y0, x1, y1]) = args.profile {
         return profile(chart, band, nm, ((y0, x0), (y1, x1)));
+    }
+    if let Some((black, white)) = args.glare.zip(args.white_area) {
+        return glare(chart, band, nm, (black, white));
     }
     points(chart, band, nm, args.points.iter().flat_map(|p| &p.0), half)
 }
@@ -191,6 +194,42 @@ fn edge(
         remarks,
         curve: esf.samples.iter().map(|s| (s.distance_px, s.value)).collect(),
         mtf: mtf.frequency_cy_px.iter().copied().zip(mtf.modulation.iter().copied()).collect(),
+    })
+}
+
+/// Mean and standard deviation of the pixels of `rect`.
+fn statistics(chart: &Chart, band: usize, rect: Rect, what: &str) -> Result<(f64, f64)> {
+    let pixels = read(chart, band, rect, what)?;
+    let n = pixels.len() as f64;
+    let mean = pixels.iter().map(|v| f64::from(*v)).sum::<f64>() / n;
+    let variance = pixels.iter().map(|v| (f64::from(*v) - mean).powi(2)).sum::<f64>() / n;
+    Ok((mean, variance.sqrt()))
+}
+
+/// Veiling glare index: the mean of a black area over that of a white one, ISO 9358. In dB as a ratio of signals, 20 log₁₀.
+fn glare(chart: &Chart, band: usize, nm: f64, (black, white): (Rect, Rect)) -> Result<Measurement> {
+    let (of_black, black_deviation) = statistics(chart, band, black, "the black area")?;
+    let (of_white, white_deviation) = statistics(chart, band, white, "the white area")?;
+    if of_white <= 0.0 {
+        anyhow::bail!("--white-area {white}: its mean is {of_white}, expected light");
+    }
+    let index = of_black / of_white;
+    let attenuation_db = (index > 0.0).then(|| -20.0 * index.log10());
+    let in_db = attenuation_db.map_or(String::new(), |db| format!(" (-{db:.2} dB)"));
+    Ok(Measurement {
+        nm,
+        summary: format!(
+            "veiling glare index {:.4} %{in_db}: black {of_black:.6e}, standard deviation {black_deviation:.2e}; white {of_white:.6e}, {white_deviation:.2e}",
+            100.0 * index
+        ),
+        figures: json!({
+            "veiling_glare_index": index, "attenuation_db": attenuation_db,
+            "black": of_black, "black_deviation": black_deviation,
+            "white": of_white, "white_deviation": white_deviation,
+        }),
+        remarks: Vec::new(),
+        curve: Vec::new(),
+        mtf: Vec::new(),
     })
 }
 

@@ -65,6 +65,30 @@ fn veiling_glare_of_a_black_disc_has_its_closed_form() {
     assert!((index / expected - 1.0).abs() < 1e-6, "{index} {expected}");
 }
 
+/// The chart of black spots, measured in its middle spot and beside it.
+#[test]
+fn index_of_black_spots_is_measured() {
+    let scene = Scene::new(Size::new(8, 8), |_, _| 1.0);
+    let film = scene.dir.path().join("spots.zarr");
+    let chart = "gen:black-spots?size=360&diameter=10%&wavelengths=450&pitch_um=2&overscan=0";
+    let flags = ["--stages", "ri,distortion", "--veiling-glare", "2%", "--outside", "clamp"];
+    run(chart, &film, text(&scene.pack), &flags).ok();
+    let json = scene.dir.path().join("index.json");
+    let areas = ["--glare", "172,172,16,16", "--white-area", "230,172,16,16", "--json", text(&json)];
+    let measured = lenscube(&[&["measure", text(&film)], &areas[..]].concat()).ok().stdout;
+    assert!(measured.contains("450 nm: veiling glare index 1.8") && measured.contains(" dB)"), "{measured}");
+    let json: serde_json::Value = serde_json::from_slice(&fs::read(json).unwrap()).unwrap();
+    let index = json["bands"][0]["figures"]["veiling_glare_index"].as_f64().unwrap();
+    // Nine discs with a diameter of 36 px.
+    let share = 9.0 * std::f64::consts::PI * 18.0 * 18.0 / (360.0 * 360.0);
+    let expected = 0.02 * (1.0 - share) / (1.0 - 0.02 * share);
+    assert!((index / expected - 1.0).abs() < 1e-5, "{index} {expected}");
+    let alone = lenscube(&["measure", text(&film), "--glare", "172,172,16,16"]);
+    assert_exit(&alone, 2, &["--white-area"]);
+    let outside = ["measure", text(&film), "--glare", "172,172,16,16", "--white-area", "350,0,16,16"];
+    assert_exit(&lenscube(&outside), 2, &["the white area", "360x360"]);
+}
+
 /// ∫ (1 + (r/r₀)²)^(−s/2) over the disc of radius `r`.
 fn mass(r: f64, r0: f64, slope: f64) -> f64 {
     let log = (r / r0).powi(2).ln_1p();
