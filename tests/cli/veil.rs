@@ -332,3 +332,30 @@ fn forecast_and_plan_name_the_reading_before_the_tiles() {
     assert_eq!(with - without, 2 * 631 * 705 * 4);
     assert!(note.contains("each compute it, with the same result"), "{note}");
 }
+
+#[test]
+fn surfaces_at_several_distances_are_an_error() {
+    let dir = tempfile::tempdir().unwrap();
+    let scene = "gen:depth-scene?size=200x160&wavelengths=550";
+    let depth = format!("{scene}&part=depth");
+    let flags = ["--depth", &*depth, "--focus-m", "1", "--scatter", "1%"];
+    let rejected = run(scene, &dir.path().join("film.zarr"), "double-gauss-28", &flags);
+    assert_error_line(&rejected, 2, &["--veiling-glare, --scatter", "--depth none"]);
+}
+
+#[test]
+fn shot_has_the_veil_of_its_flags() {
+    let dir = tempfile::tempdir().unwrap();
+    let (keep, out) = (dir.path().join("shot"), dir.path().join("shot.png"));
+    let words = [
+        "shoot",
+        "gen:checker?size=300&wavelengths=450,550,650",
+        text(&out),
+        "--lens",
+        "double-gauss-28-npz",
+    ];
+    let flags =
+        ["--sensor", "example-2um", "--keep", text(&keep), "--veiling-glare", "1%", "--memory", "1GiB"];
+    lenscube(&[&words[..], &flags].concat()).ok();
+    assert!(keep.join("film.zarr/veil/c/2/0/0").exists());
+}
