@@ -1,4 +1,4 @@
-//! Scatter and veiling glare: light that spreads far over the film, as a smooth layer per band.
+//! Scatter, veiling glare and ghosts: light that spreads far over the film, as a smooth layer per band. Ghosts are added to the sum below ([`ghosts`]): what they have, reflections took from the image.
 //!
 //! ```text
 //! film = (1 − Σ a_k) · (image ∗ PSF) + Σ a_k K_k ∗ I          shares a_k of the light, kernels K_k with integral 1
@@ -22,6 +22,7 @@
 //! Control (SPIE 2013), 2.3.
 
 pub mod fft;
+pub mod ghosts;
 pub mod kernel;
 pub mod light;
 mod plan;

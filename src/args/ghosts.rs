@@ -1,9 +1,12 @@
 //! Flags of ghosts.
 
 use super::values::number;
+use clap::{Args, ValueEnum};
 use std::fmt::{self, Display, Formatter};
 use std::path::PathBuf;
 
+/// Group of the flags of a job in help.
+const HEADING: &str = "Light beside the image";
 /// Rings to the film's corner by default.
 pub const RINGS: usize = 64;
 
@@ -48,4 +51,45 @@ pub(super) fn reflectance(text: &str) -> Result<ReflectanceArg, String> {
 pub(super) fn rings(text: &str) -> Result<usize, String> {
     let rings = text.trim().parse().ok().filter(|n| (16..=256).contains(n));
     rings.ok_or_else(|| "expected a number of rings from 16 to 256".to_owned())
+}
+
+/// Light of two reflections. Without flags as by default: none.
+#[derive(Clone, Debug, Default, PartialEq, Args)]
+pub struct GhostArgs {
+    /// Light that two surfaces of the lens reflect, or the film and one of them: on for a design with --coatings
+    #[arg(long, value_enum, default_value_t = Switch::Off, help_heading = HEADING)]
+    pub ghosts: Switch,
+    /// Share that the film reflects like a mirror, for its ghosts: a number (0.05, 5%) or a table `wavelength_nm,reflectance` (.csv) [default: 0]
+    #[arg(long, value_name = "R|FILE", value_parser = reflectance, help_heading = HEADING)]
+    pub sensor_reflectance: Option<ReflectanceArg>,
+    /// Rings from the axis to the film's corner on which ghosts are computed, 16 to 256: details below two rings are blurred to them [default: 64]
+    #[arg(long, value_name = "N", value_parser = rings, help_heading = HEADING)]
+    pub ghost_rings: Option<usize>,
+}
+
+/// `--ghosts`.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, ValueEnum)]
+pub enum Switch {
+    /// None
+    #[default]
+    Off,
+    /// All paths of two reflections
+    On,
+}
+
+impl GhostArgs {
+    /// Whether there are ghosts.
+    pub fn is_on(&self) -> bool {
+        self.ghosts == Switch::On
+    }
+
+    /// The flag that is given without ghosts, if one is.
+    pub fn contradiction(&self) -> Option<String> {
+        let flags = [
+            ("--sensor-reflectance", self.sensor_reflectance.is_some()),
+            ("--ghost-rings", self.ghost_rings.is_some()),
+        ];
+        let given = flags.iter().find(|(_, given)| *given && !self.is_on());
+        given.map(|(flag, _)| format!("{flag} requires --ghosts on"))
+    }
 }

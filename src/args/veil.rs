@@ -1,5 +1,6 @@
 //! Scatter and veiling glare: flags of a job.
 
+use super::ghosts::GhostArgs;
 use super::values::number;
 use clap::Args;
 use pipeline::bounds::{Bound, SCATTER_REACH_MM, SCATTER_SHOULDER_UM, SCATTER_SLOPE};
@@ -25,6 +26,9 @@ pub struct VeilArgs {
     /// Film pixels on a side of the bins on which this light is computed: 8, 16, 32, 64 or auto (at most 512 bins along the film) [default: auto]
     #[arg(long, value_name = "PX", value_parser = bin, help_heading = HEADING)]
     pub veil_bin: Option<BinArg>,
+    /// Ghosts.
+    #[command(flatten)]
+    pub ghosts: GhostArgs,
 }
 
 /// `--veil-bin`.
@@ -93,9 +97,9 @@ impl VeilArgs {
         self.scatter.filter(|scatter| scatter.share > 0.0)
     }
 
-    /// Whether any light is spread.
+    /// Whether any light is spread, or there are ghosts.
     pub fn is_on(&self) -> bool {
-        self.glare() > 0.0 || self.scattered().is_some()
+        self.glare() > 0.0 || self.scattered().is_some() || self.ghosts.is_on()
     }
 
     /// Why the flags contradict each other, if they do.
@@ -107,7 +111,9 @@ impl VeilArgs {
             ));
         }
         let is_given = matches!(self.veil_bin, Some(BinArg::Px(_)));
-        (is_given && !self.is_on()).then(|| "--veil-bin requires --veiling-glare or --scatter".into())
+        let bin = (is_given && !self.is_on())
+            .then(|| "--veil-bin requires --veiling-glare, --scatter or --ghosts on".into());
+        self.ghosts.contradiction().or(bin)
     }
 }
 
@@ -166,7 +172,7 @@ mod tests {
     #[test]
     fn shares_together_leave_an_image() {
         let scatter = ScatterArg::parse("45%").ok();
-        let with = |glare| VeilArgs { veiling_glare: Some(glare), scatter, veil_bin: None };
+        let with = |glare| VeilArgs { veiling_glare: Some(glare), scatter, ..VeilArgs::default() };
         assert!(with(0.46).contradiction().is_some() && with(0.4).contradiction().is_none());
         let bin = VeilArgs { veil_bin: Some(BinArg::Px(8)), ..VeilArgs::default() };
         assert!(bin.contradiction().is_some() && !bin.is_on());

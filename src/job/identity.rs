@@ -67,6 +67,7 @@ pub fn identity(
         map.insert("depth".into(), surfaces);
     }
     map.extend(veil::identity(args, frame));
+    map.extend(inputs.ghosts.iter().map(|ghosts| ("ghosts".to_owned(), ghosts.clone())));
     // Absent for all bits: the identity is then that of programs without this option.
     if let Some(bits) = keep_bits {
         map.insert("keep_bits".into(), bits.into());

@@ -4,6 +4,7 @@ use super::depth::surfaces::SurfacePaths;
 use super::depth::{Depth, DepthRequest, LensFacts};
 use super::field_height::field_height_mm;
 use super::frame::{Named, frame};
+use super::ghosts;
 use crate::args::{RunArgs, bands};
 use crate::failure::{other_job, usage};
 use crate::job::lens::UntracedLens;
@@ -12,6 +13,7 @@ use crate::progress::log_line;
 use anyhow::Result;
 use formats::chart::NanPolicy;
 use pipeline::geometry::Frame;
+use serde_json::Value;
 use std::path::Path;
 use std::sync::Once;
 
@@ -59,6 +61,8 @@ pub struct Inputs {
     pub depth: Option<Depth>,
     /// Notes on distances, also on those of a flat chart.
     pub depth_notes: Vec<String>,
+    /// What ghosts add to the identity of the job, if there are any.
+    pub ghosts: Option<Value>,
     /// Bands of the film that this process computes; all, unless it does units of a plan.
     pub film_bands: Vec<usize>,
 }
@@ -100,6 +104,7 @@ impl Inputs {
                 (Some(depth).filter(|_| !is_flat), notes)
             }
         };
+        let ghosts = ghosts::identity(args, &lens, &frame)?;
         let inputs = Self {
             chart,
             frame,
@@ -108,6 +113,7 @@ impl Inputs {
             selected_nm,
             depth,
             depth_notes,
+            ghosts,
             film_bands,
         };
         Ok((inputs, lens))

@@ -2,6 +2,7 @@
 
 use crate::args::{BinArg, RunArgs};
 use crate::failure::usage;
+use crate::job::ghosts::JobGhosts;
 use crate::job::layers::{JobLayer, LayerInputs};
 use anyhow::Result;
 use formats::film::FilmLayer;
@@ -20,6 +21,7 @@ const NAME: &str = "veil";
 pub struct JobVeil {
     maker: VeilMaker,
     shares: VeilShares,
+    ghosts: Option<JobGhosts>,
     stored: FilmLayer,
     making_bytes: usize,
 }
@@ -29,7 +31,13 @@ impl JobVeil {
     ///
     /// # Errors
     /// Usage: shares, bins or reach that do not fit.
-    pub fn new(args: &RunArgs, frame: &Frame, bands: usize, threads: usize) -> Result<Option<Self>> {
+    pub fn new(
+        args: &RunArgs,
+        frame: &Frame,
+        bands: usize,
+        threads: usize,
+        ghosts: Option<JobGhosts>,
+    ) -> Result<Option<Self>> {
         if let Some(contradiction) = args.veil.contradiction() {
             return Err(usage(contradiction));
         }
@@ -52,10 +60,14 @@ impl JobVeil {
             bin_px: vec![bin_px; bands],
             margin_bins: VEIL_MARGIN_BINS,
             share_taken: vec![shares.taken(); bands],
-            parts: parts.map(|(name, share)| (name.to_owned(), json!(share))).collect(),
+            parts: parts
+                .map(|(name, share)| (name.to_owned(), json!(share)))
+                .chain(ghosts.iter().map(|ghosts| ("ghosts".to_owned(), ghosts.part())))
+                .collect(),
         };
-        let making_bytes = plan.making_bytes(frame.chart, threads);
-        Ok(Some(Self { maker: VeilMaker::new(plan), shares, stored, making_bytes }))
+        let of_ghosts = ghosts.as_ref().map_or(0, JobGhosts::making_bytes);
+        let making_bytes = plan.making_bytes(frame.chart, threads) + of_ghosts;
+        Ok(Some(Self { maker: VeilMaker::new(plan), shares, ghosts, stored, making_bytes }))
     }
 }
 
@@ -110,12 +122,22 @@ impl JobLayer for JobVeil {
     }
 
     fn making_s(&self) -> f64 {
-        self.maker.plan().making_s()
+        self.maker.plan().making_s() + self.ghosts.as_ref().map_or(0.0, JobGhosts::making_s)
     }
 
     fn coefficients(&self, band: &LayerInputs<'_>) -> Result<Vec<f32>, SourceSinkError> {
         let LayerInputs { chart, chart_band, frame, plan, options, gain, threads, cancel } = *band;
         let reduced = ReducedChart::read(chart, chart_band, self.maker.plan().reduced_px, threads, cancel)?;
-        Ok(self.maker.layer(frame, &plan.lens, options, gain, self.shares, &reduced, threads))
+        let operator =
+            self.ghosts.as_ref().map(|ghosts| ghosts.operator(plan.lens.wavelength_nm)).transpose()?;
+        Ok(self.maker.layer(
+            frame,
+            &plan.lens,
+            options,
+            (gain, self.shares),
+            &reduced,
+            operator.as_ref(),
+            threads,
+        ))
     }
 }

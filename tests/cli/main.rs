@@ -17,6 +17,7 @@ mod develop;
 mod export;
 mod faults;
 mod formats;
+mod ghosts;
 mod import;
 mod invariance;
 mod lens;

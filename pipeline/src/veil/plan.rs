@@ -1,8 +1,10 @@
 //! Sizes of a veil, and the layer of a band.
 
 use super::fft::{self, Planes};
+use super::ghosts::ghosts_on_bins;
 use super::kernel::ScatterKernel;
 use super::light::light_of_bins;
+use crate::design::ghost::rings::RingOperator;
 use crate::field::Field;
 use crate::geometry::{Frame, Size};
 use crate::layer::BinGrid;
@@ -183,21 +185,25 @@ impl VeilMaker {
     }
 
     /// The coefficients of the layer of the band with the tables `band` from its reduced chart, row by row on the stored bins; `gain` is that of the
-    /// whole light of the image.
+    /// whole light of the image, `ghosts` the operator of the lens's ghosts.
     #[allow(
         clippy::too_many_arguments,
-        reason = "film, lens, options, light, chart and threads are independent"
+        reason = "film, lens, options, light, chart, ghosts and threads are independent"
     )]
     pub fn layer(
         &self,
         frame: &Frame,
         band: &LensBand,
         options: &Options,
-        gain: f64,
-        shares: VeilShares,
+        (gain, shares): (f64, VeilShares),
         reduced: &ReducedChart,
+        ghosts: Option<&RingOperator>,
         threads: usize,
     ) -> Vec<f32> {
+        let ghosts = ghosts.map(|operator| ghosts_on_bins(frame, &self.plan.grid, operator, gain, reduced));
+        if let (Some(ghosts), true) = (&ghosts, shares.taken() == 0.0) {
+            return ghosts.iter().map(|ghosts| *ghosts as f32).collect();
+        }
         let stages = options.stages;
         let (distortion, illumination) = (stages.has(Stage::Distortion), stages.has(Stage::Ri));
         let field = Field::new(band, frame.pitch_mm(), distortion, illumination, gain);
@@ -210,7 +216,11 @@ impl VeilMaker {
             (Some(kernel), true) => self.convolved(&kernel, &light),
             _ => vec![0.0; stored.pixels()],
         };
-        scattered.iter().map(|scattered| (shares.scatter * scattered + glare) as f32).collect()
+        let spread = scattered.iter().map(|scattered| shares.scatter * scattered + glare);
+        match ghosts {
+            None => spread.map(|light| light as f32).collect(),
+            Some(ghosts) => spread.zip(ghosts).map(|(light, ghosts)| (light + ghosts) as f32).collect(),
+        }
     }
 
     /// Mean of `light` over the bins of the film.

@@ -38,7 +38,12 @@ impl Apertures {
         let unknown: Vec<usize> = (0..film).filter(|k| given(*k).is_none() && *k != system.stop).collect();
         let used = match unknown.is_empty() {
             true => Vec::new(),
-            false => radii_of_rays(&tracer, film, tracer.field_of_height(corner_mm)?),
+            // Where the lens does not reach the corner, to its outermost field.
+            false => radii_of_rays(
+                &tracer,
+                film,
+                tracer.field_of_height(corner_mm.min(tracer.farthest_field().0))?,
+            ),
         };
         let clear = |k: usize| match (given(k), k == system.stop) {
             (Some(r), true) => r.min(tracer.stop_radius_mm()),

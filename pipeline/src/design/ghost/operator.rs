@@ -28,6 +28,12 @@ use crate::real;
 
 /// Spacing of the wavelengths at which geometry is traced, nm.
 const GEOMETRY_NM: f64 = 60.0;
+/// Nodes of the window of a usual path, and its heights, for estimates of memory.
+const WINDOW_NODES: usize = 640;
+const HEIGHTS: usize = 65;
+/// Core seconds of a path for each wavelength of the geometry, and for each band and half of 64 rings, for estimates of time.
+const GEOMETRY_S: f64 = 0.04;
+const LIGHT_S: f64 = 0.002;
 /// Points of half a window from which light is sent.
 const POINTS: usize = 5000;
 /// Points of a cell of the window.
@@ -124,10 +130,10 @@ pub fn trace_ghosts(
 ) -> Result<Vec<BandGhosts>, DesignError> {
     let apertures = Apertures::new(system, options.corner_mm)?;
     let mut bands = Vec::with_capacity(wavelengths_nm.len());
-    let geometry = |nm: f64| (nm / GEOMETRY_NM).round() * GEOMETRY_NM;
-    let groups = wavelengths_nm.chunk_by(|a, b| geometry(*a) == geometry(*b)).flat_map(|g| g.chunks(LANES));
+    let groups =
+        wavelengths_nm.chunk_by(|a, b| geometry_nm(*a) == geometry_nm(*b)).flat_map(|g| g.chunks(LANES));
     for group in groups {
-        match Group::new(system, geometry(group[0]), group, options, &apertures) {
+        match Group::new(system, geometry_nm(group[0]), group, options, &apertures) {
             Ok(group) => bands.extend(group.trace()),
             // A glass or a coating without values there: each band at its own wavelength.
             Err(DesignError::Wavelength { .. } | DesignError::Coating { .. }) => {
@@ -139,6 +145,37 @@ pub fn trace_ghosts(
         }
     }
     Ok(bands)
+}
+
+/// Wavelength at which the geometry of the band at `nm` is traced.
+pub fn geometry_nm(nm: f64) -> f64 {
+    (nm / GEOMETRY_NM).round() * GEOMETRY_NM
+}
+
+/// Paths of `system`, the film's included if it reflects.
+fn count_of_paths(system: &System, options: &GhostOptions) -> usize {
+    ghost_paths(system, !options.film_reflectance.is_zero()).0.len()
+}
+
+/// Bytes while the ghosts of `bands` bands that share their geometry are traced on `threads` threads, without those of paths whose heights are doubled twice: grids of the rays of each path, sums
+/// over the rings of the film, and the operators.
+pub fn ghost_memory_bytes(system: &System, options: &GhostOptions, bands: usize, threads: usize) -> usize {
+    let sizes = RingSizes::new(options.corner_mm, options.rings);
+    let lanes = bands.min(LANES);
+    let grid = 4 * (LIGHT + lanes) * WINDOW_NODES;
+    let sums = 8 * lanes * sizes.rings * (HALF_TURN * sizes.rings + 1);
+    let operator = 4 * (sizes.orders() + 1) * sizes.rings * sizes.source_rings;
+    count_of_paths(system, options) * HEIGHTS * grid
+        + threads * sums
+        + (bands.div_ceil(lanes).max(2) * lanes) * operator
+}
+
+/// Core seconds of tracing the ghosts of `system` at `wavelengths_nm`, on a 2.2 GHz Xeon: of spherical surfaces.
+pub fn ghost_seconds(system: &System, options: &GhostOptions, wavelengths_nm: &[f64]) -> f64 {
+    let groups = wavelengths_nm.chunk_by(|a, b| geometry_nm(*a) == geometry_nm(*b)).count() as f64;
+    let paths = count_of_paths(system, options) as f64;
+    let rings = options.rings as f64 / 64.0;
+    paths * (groups * GEOMETRY_S + wavelengths_nm.len() as f64 * LIGHT_S * (1.0 + rings))
 }
 
 /// The ghost paths of a lens at one wavelength.

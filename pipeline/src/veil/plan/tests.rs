@@ -63,7 +63,7 @@ fn layer_of(
     chart: &dyn ChartSource,
 ) -> Vec<f32> {
     let reduced = ReducedChart::read(chart, 0, plan.reduced_px, 2, &AtomicBool::new(false)).unwrap();
-    VeilMaker::new(plan).layer(frame, band, &options(surround), gain, shares, &reduced, 2)
+    VeilMaker::new(plan).layer(frame, band, &options(surround), (gain, shares), &reduced, None, 2)
 }
 
 /// A scene with a bright square through a lens without aberrations, whose chart coordinates are exact between the corners of bins, and through one that

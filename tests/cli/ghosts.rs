@@ -1,0 +1,107 @@
+//! Ghosts on films: where they lie and how bright they are, the same bytes however a film is made, off means off, errors.
+
+use crate::common::{Picture, assert_exit, files, lenscube, pixels, text};
+use pipeline::geometry::Size;
+use std::path::PathBuf;
+
+/// A chart with a lamp in the dark, in one band.
+struct Lamp {
+    dir: tempfile::TempDir,
+    chart: PathBuf,
+    size: Size,
+}
+
+/// Film pixels, µm.
+const PITCH_UM: f64 = 100.0;
+
+impl Lamp {
+    /// `size` px with a lamp of `side` px, whose centre is `at` px (rows, columns) from that of the chart.
+    fn new(size: Size, side: usize, at: (f64, f64)) -> Self {
+        let dir = tempfile::tempdir().unwrap();
+        let chart = dir.path().join("chart.zarr");
+        let half = side as f64 / 2.0;
+        let is_lit = |k: usize, n: usize, at: f64| (k as f64 + 0.5 - n as f64 / 2.0 - at).abs() < half;
+        let value = |i: usize| {
+            let lit = is_lit(i / size.width, size.height, at.0) && is_lit(i % size.width, size.width, at.1);
+            if lit { 1000.0 } else { 0.0 }
+        };
+        Picture { size, bands: vec![(0..size.pixels()).map(value).collect()] }.write(&chart);
+        Self { dir, chart, size }
+    }
+
+    fn run(&self, name: &str, lens: &str, flags: &[&str]) -> crate::common::CommandResult {
+        let film = self.dir.path().join(name);
+        let pitch = PITCH_UM.to_string();
+        let job = ["--lens", lens, "--film-pitch-um", &pitch, "--stages", "ri,distortion"];
+        lenscube(&[&["run", text(&self.chart), text(&film)], &job[..], flags].concat())
+    }
+
+    /// The pixels of the film `name`.
+    fn film(&self, name: &str) -> Vec<f32> {
+        pixels(&self.dir.path().join(name), "film").1.remove(0)
+    }
+
+    fn files(&self, name: &str) -> std::collections::BTreeMap<PathBuf, Vec<u8>> {
+        files(&self.dir.path().join(name))
+    }
+}
+
+/// The film and the rear group of the Double Gauss image a lamp through the axis, 1.06 times as far from it, with half a percent of its light where the film reflects a tenth.
+#[test]
+fn lamp_has_its_inverted_ghost_of_the_film() {
+    let (row, column) = (-30.0, 50.0);
+    let scene = Lamp::new(Size::new(240, 320), 12, (row, column));
+    let coated = ["--coatings", "none"];
+    scene.run("off", "double-gauss-28", &coated).ok();
+    let ghosts = ["--ghosts", "on", "--sensor-reflectance", "10%"];
+    scene.run("on", "double-gauss-28", &[&coated[..], &ghosts].concat()).ok();
+    let (off, on) = (scene.film("off"), scene.film("on"));
+    let ghost: Vec<f64> = on.iter().zip(&off).map(|(on, off)| f64::from(*on) - f64::from(*off)).collect();
+    let lamp: f64 = off.iter().map(|v| f64::from(*v)).sum();
+    // Nowhere less light than without, to the rounding of f32.
+    assert!(ghost.iter().all(|v| *v > -1e-3), "{:?}", ghost.iter().copied().fold(0.0, f64::min));
+    let within = |row: f64, column: f64, radius: f64| -> f64 {
+        let place = |k: usize, n: usize, at: f64| k as f64 + 0.5 - n as f64 / 2.0 - at;
+        let near = |i: usize| {
+            let y = place(i / scene.size.width, scene.size.height, row);
+            let x = place(i % scene.size.width, scene.size.width, column);
+            y * y + x * x < radius * radius
+        };
+        ghost.iter().enumerate().filter(|(i, _)| near(*i)).map(|(_, v)| v).sum::<f64>() / lamp
+    };
+    let found = within(-1.06 * row, -1.06 * column, 25.0);
+    assert!((2e-3..7e-3).contains(&found), "{found}");
+    for elsewhere in [(-1.06 * row, 1.06 * column), (1.06 * row, -1.06 * column)] {
+        assert!(within(elsewhere.0, elsewhere.1, 25.0) < 0.3 * found);
+    }
+}
+
+#[test]
+fn bytes_of_a_film_with_ghosts_do_not_depend_on_threads_and_off_is_off() {
+    let scene = Lamp::new(Size::new(60, 80), 6, (10.0, -15.0));
+    let coated = ["--coatings", "mgf2"];
+    let ghosts = [&coated[..], &["--ghosts", "on", "--ghost-rings", "16"]].concat();
+    for threads in ["1", "3"] {
+        scene.run(threads, "triplet", &[&ghosts[..], &["--threads", threads]].concat()).ok();
+    }
+    assert!(scene.files("1") == scene.files("3"));
+    scene.run("plain", "triplet", &coated).ok();
+    scene.run("off", "triplet", &[&coated[..], &["--ghosts", "off"]].concat()).ok();
+    assert!(scene.files("plain") == scene.files("off"));
+    assert!(!scene.dir.path().join("off/veil").exists() && scene.dir.path().join("1/veil").exists());
+    // Resumed with other ghosts it is another film.
+    let other = [&coated[..], &["--ghosts", "on", "--ghost-rings", "32"]].concat();
+    assert_exit(&scene.run("1", "triplet", &other), 3, &["ghosts"]);
+    assert_exit(&lenscube(&["verify", text(&scene.dir.path().join("1"))]), 0, &[]);
+}
+
+#[test]
+fn ghosts_need_a_design_that_reflects_light() {
+    let scene = Lamp::new(Size::new(30, 40), 4, (0.0, 0.0));
+    assert_exit(&scene.run("film", "triplet", &["--ghosts", "on"]), 2, &["--coatings none"]);
+    assert_exit(&scene.run("film", "double-gauss-28-npz", &["--ghosts", "on"]), 2, &["lens pack"]);
+    for flag in [["--sensor-reflectance", "0.1"], ["--ghost-rings", "32"]] {
+        assert_exit(&scene.run("film", "triplet", &flag), 2, &["--ghosts on"]);
+    }
+    assert_exit(&scene.run("film", "triplet", &["--ghosts", "on", "--ghost-rings", "8"]), 2, &["16 to 256"]);
+}
