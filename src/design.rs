@@ -9,7 +9,7 @@ use crate::failure::usage;
 use anyhow::{Context, Result, bail};
 use bytes::read_bytes;
 use coatings::DesignCoatings;
-pub use coatings::note_on_ideal;
+pub use coatings::{coating_tables, note_on_ideal};
 use formats::design::builtin::{self, BuiltinLens};
 use formats::design::{LensFile, LensFileError, ReadOptions, agf, is_lens_file};
 use pipeline::design::crossing::crossings;
@@ -101,6 +101,12 @@ fn read_design(name: &str, args: &DesignArgs) -> Result<(System, Option<DesignFi
     if let Some(lens) = BuiltinLens::named(name) {
         if let Some(n @ 2..) = args.configuration {
             return Err(usage(format!("--configuration {n}: {name} has one configuration")));
+        }
+        if let Some(path) = args.glass_catalog.first() {
+            return Err(usage(format!(
+                "--glass-catalog {}: {name} is built in, with its glasses; `lenscube lens convert {name} FILE.zmx` makes a design that takes catalogues",
+                path.display()
+            )));
         }
         return Ok((lens.system(), None, DesignCoatings::default()));
     }

@@ -56,6 +56,7 @@ pub mod raw;
 mod sample;
 pub mod sensor;
 mod shard;
+mod toml_error;
 
 #[cfg(test)]
 #[path = "../tests/bombs/mod.rs"]

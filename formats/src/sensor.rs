@@ -20,6 +20,7 @@ pub use builtin::builtin_names;
 pub use error::SensorError;
 
 use crate::durable::{Directory, is_url, parent_of};
+use crate::toml_error::located;
 use table::Quantity;
 use text::{AreaText, FilterText, PitchText, QuantityText, SCHEMA, SensorText};
 
@@ -328,20 +329,6 @@ fn read(path: &Path, limit: u64) -> Result<Option<String>, SensorError> {
     match String::from_utf8(bytes) {
         Ok(text) => Ok(Some(text)),
         Err(_) => Err(SensorError::Syntax { path: path.into(), message: "expected UTF-8 text".into() }),
-    }
-}
-
-/// An error with its line and column.
-fn located(error: &toml::de::Error, text: &str) -> String {
-    let message = error.message().trim().replace('\n', " ");
-    match error.span() {
-        Some(span) => {
-            let before = &text[..span.start.min(text.len())];
-            let line = before.matches('\n').count() + 1;
-            let column = before.rsplit('\n').next().unwrap_or("").chars().count() + 1;
-            format!("line {line}, column {column}: {message}")
-        }
-        None => message,
     }
 }
 

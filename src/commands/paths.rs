@@ -18,7 +18,7 @@ use std::path::{Path, PathBuf};
 mod tests;
 
 /// Fails (exit code 2) if an output of the command is, lies in or contains an input or another output. Nothing is changed; inputs are not
-/// opened, except a design that `lens convert` may write a catalogue beside.
+/// opened, except a design that `lens convert` may write a catalogue beside, and coatings, which name tables.
 pub fn check(command: &Command) -> Result<()> {
     of_command(command)?.check()
 }
@@ -116,17 +116,17 @@ fn of_lens(command: &LensCommand) -> Guard {
     let guard = Guard::default();
     match command {
         LensCommand::Show(args) => {
-            let guard = design(guard.reads_lens(&args.lens), &args.design);
+            let guard = of_design(&args.lens, &args.design);
             let guard = in_directory(guard, "--plot", args.plot.as_deref(), lens::plots::all_files());
             in_directory(guard, "--csv", args.csv.as_deref(), lens::tables::all_files())
         }
-        LensCommand::Psf(args) => design(guard.reads_lens(&args.design), &args.parameters)
+        LensCommand::Psf(args) => of_design(&args.design, &args.parameters)
             .may_write("OUT", args.out.as_ref())
             .may_write("--sections", args.sections.as_ref()),
         LensCommand::Trace(args) => {
-            design(guard.reads_lens(&args.design), &args.parameters).writes("OUT.lens.zarr", &args.out)
+            of_design(&args.design, &args.parameters).writes("OUT.lens.zarr", &args.out)
         }
-        LensCommand::Convert(args) => design(guard.reads_lens(&args.design), &args.parameters)
+        LensCommand::Convert(args) => of_design(&args.design, &args.parameters)
             .reads_as("design", &args.design, catalogues(&args.design))
             .writes("OUT", &args.out)
             .writes("OUT", catalogue_path(&args.out)),
@@ -142,6 +142,11 @@ fn of_lens(command: &LensCommand) -> Guard {
         LensCommand::List(args) => guard.may_write("--plot", args.plot.as_ref()),
         LensCommand::Diff(_) | LensCommand::Camera(_) | LensCommand::Light(_) => guard,
     }
+}
+
+/// A design with the catalogues and coatings that are given.
+fn of_design(lens: &str, args: &DesignArgs) -> Guard {
+    Guard::default().reads_lens(lens).reads_catalogues(&args.glass_catalog, &args.coatings)
 }
 
 fn of_exposure(args: &ExposeArgs) -> Result<Guard> {
@@ -166,12 +171,6 @@ fn of_shot(args: &ShootArgs) -> Guard {
         true => guard.writes("the temporary raw", sensor::temporary_raw(&args.out)),
         false => guard,
     }
-}
-
-/// Glass catalogues and coatings that are given.
-fn design(guard: Guard, args: &DesignArgs) -> Guard {
-    let guard = args.glass_catalog.iter().fold(guard, |guard, path| guard.reads("glass catalogue", path));
-    args.coatings.file().into_iter().fold(guard, |guard, path| guard.reads("coatings", path))
 }
 
 /// What is in a folder of exports, where a pack may be written under another name; else the path itself.

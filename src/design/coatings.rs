@@ -68,6 +68,14 @@ fn read(path: &Path, primary_um: f64) -> Result<CoatingFile> {
     Ok(toml::parse(&text, &beside)?)
 }
 
+/// Tables that a file of coatings names; none of one that is not read.
+pub fn coating_tables(path: &Path) -> Vec<PathBuf> {
+    let folder = path.parent().unwrap_or(Path::new("."));
+    let is_regular = path.metadata().is_ok_and(|m| m.is_file());
+    let bytes = if is_regular && !is_dat(path) { read_bytes(path).unwrap_or_default() } else { Vec::new() };
+    toml::tables_beside(&String::from_utf8_lossy(&bytes)).iter().map(|name| folder.join(name)).collect()
+}
+
 impl DesignCoatings {
     /// The coating file that the design names, in its archive or beside it; without one, the built-in coatings.
     fn file(&self, primary_um: f64) -> Result<CoatingFile> {

@@ -1,7 +1,9 @@
 //! Inputs and the film of a job.
 
 use super::guard::Guard;
-use crate::args::{DepthArgs, RunArgs, TracingArgs};
+use crate::args::{CoatingsArg, DepthArgs, RunArgs, TracingArgs};
+use crate::design::coating_tables;
+use std::path::PathBuf;
 
 impl Guard {
     /// Inputs and the film of a job.
@@ -14,10 +16,17 @@ impl Guard {
             .writes("FILM", &args.film)
     }
 
-    /// Adds glass catalogues.
+    /// Adds glass catalogues and coatings.
     pub fn reads_glasses(self, args: &TracingArgs) -> Self {
-        let guard = args.glass_catalog.iter().fold(self, |guard, path| guard.reads("glass catalogue", path));
-        args.coatings.file().into_iter().fold(guard, |guard, path| guard.reads("coatings", path))
+        self.reads_catalogues(&args.glass_catalog, &args.coatings)
+    }
+
+    /// Adds glass catalogues, a file of coatings, and the tables that this names.
+    pub fn reads_catalogues(self, glasses: &[PathBuf], coatings: &CoatingsArg) -> Self {
+        let guard = glasses.iter().fold(self, |guard, path| guard.reads("glass catalogue", path));
+        let Some(file) = coatings.file() else { return guard };
+        let tables = coating_tables(file).into_iter();
+        tables.fold(guard.reads("coatings", file), |g, table| g.reads("table of the coatings", &table))
     }
 
     /// Adds distances and hidden surfaces.

@@ -1,6 +1,6 @@
 //! `lenscube lens convert`: writes a design in another format.
 
-use crate::args::ConvertArgs;
+use crate::args::{CoatingsArg, ConvertArgs};
 use crate::design;
 use crate::failure::usage;
 use crate::outputs::check_absent;
@@ -29,6 +29,13 @@ pub fn command(args: &ConvertArgs) -> Result<()> {
         let expected = endings_written();
         return Err(usage(format!("{}: expected a file ending with {expected}", out.display())));
     };
+    if args.parameters.coatings != CoatingsArg::Ideal {
+        return Err(usage(format!(
+            "--coatings {}: a design file names coatings and holds none; give --coatings to the command that traces {}",
+            args.parameters.coatings,
+            out.display()
+        )));
+    }
     check_absent(out, args.overwrite)?;
     let system = design::open_unchecked(&args.design, &args.parameters)?;
     for note in &system.notes {

@@ -43,6 +43,10 @@ pub fn of_design(args: &LightArgs, system: &System, edge_tan: f64) -> Result<Opt
     };
     let options = GhostOptions { corner_mm, rings: args.ghost_rings, film_reflectance };
     let table = ghost_table(system, nm, &options)?;
+    if table.paths.iter().any(|p| !p.axis.share.is_finite()) {
+        log_line("note: no light of the image reaches the film on the axis: ghosts have no shares of it");
+        return Ok(None);
+    }
     notes(&table);
     Ok(Some(Ghosts { table, corner_mm, nm }))
 }

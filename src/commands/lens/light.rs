@@ -100,10 +100,10 @@ fn text(
     print("    nm   total  surfaces   glass   edge over axis");
     for f in figures {
         let LightFigures { wavelength_nm, transmission, surfaces, edge_ratio } = f;
-        let glass = transmission / surfaces;
-        print(format!(
-            "{wavelength_nm:6.1}  {transmission:6.4}    {surfaces:6.4}  {glass:6.4}  {edge_ratio:15.4}"
-        ));
+        // A ratio of nothing to nothing where no light passes.
+        let ratio = |v: f64| if v.is_finite() { format!("{v:.4}") } else { "-".to_owned() };
+        let (glass, edge) = (ratio(transmission / surfaces), ratio(*edge_ratio));
+        print(format!("{wavelength_nm:6.1}  {transmission:6.4}    {surfaces:6.4}  {glass:>6}  {edge:>15}"));
     }
     print(format!("\nsurfaces at {:.1} nm, normal incidence", system.primary_um() * 1e3));
     print(" surface   n before   n behind   coating        reflected   transmitted");

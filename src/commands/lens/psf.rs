@@ -60,7 +60,11 @@ pub fn command(args: &PsfArgs) -> Result<()> {
         Some(Some("csv")) => true,
         Some(_) => return Err(usage("OUT must end in .npy or .csv")),
     };
+    if args.sections.as_deref().is_some_and(|p| p.extension().is_none_or(|e| e != "csv")) {
+        return Err(usage("--sections must end in .csv"));
+    }
     let system = design::open(&args.design, &args.parameters)?;
+    system.notes.iter().for_each(|note| log_line(format!("note: {note}")));
     let nm = args.wavelength.unwrap_or(system.primary_um() * 1e3);
     let psf = compute(&system, nm, args).with_context(|| format!("PSF of {} at {nm} nm", args.design))?;
     let mut files = Vec::new();

@@ -53,9 +53,14 @@ fn inputs() -> tempfile::TempDir {
         "raw.zarr/zarr.json",
         "pack.lens.zarr/zarr.json",
         "figures.csv",
+        "coatings.toml",
         "layout.svg",
     ] {
-        let magic = if name == "t.tif" { "II*\0" } else { "" };
+        let magic = match name {
+            "t.tif" => "II*\0",
+            "coatings.toml" => "coating.a.table = \"tables/a.csv\" #",
+            _ => "",
+        };
         fs::write(at(name), format!("{magic}{name}")).unwrap();
     }
     symlink("film.zarr", at("link.zarr")).unwrap();
@@ -163,6 +168,11 @@ const REFUSED: &[(&str, &str, &str)] = &[
         "glass catalogue glass.agf",
     ),
     ("lens show pack.lens.zarr --plot pack.lens.zarr", "--plot pack.lens.zarr/", "lens pack.lens.zarr"),
+    (
+        "lens psf design.zmx tables/a.csv --coatings coatings.toml $",
+        "OUT tables/a.csv is",
+        "table of the coatings tables/a.csv",
+    ),
     ("lens show layout.svg --plot tables $", "--plot tables/layout.svg (a link to", "lens layout.svg"),
     // Cameras.
     ("sensor film.zarr film.zarr --sensor sensor.toml --exposure 1s $", "RAW film.zarr is", "film film.zarr"),

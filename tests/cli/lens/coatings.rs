@@ -114,3 +114,56 @@ fn light_of_a_lens_is_printed() {
     let plain = lenscube(&["lens", "light", "double-gauss-28"]).ok();
     assert!(plain.stdout.contains("nothing is lost in an ideal lens"), "{}", plain.stdout);
 }
+
+/// A metal of 100 µm and a reflectance of 1: no figures of NaN, and nothing is traced.
+#[test]
+fn lens_that_passes_no_light_is_an_error_and_has_no_figures_of_nan() {
+    let job = DesignJob::new();
+    let metal = "[coating.x]\nlayers = [[\"M\", 100000]]\n[material.M]\nn = [[550, 0.8, 6.0]]\n";
+    for (name, coating) in [("metal.toml", metal), ("mirror.toml", "[coating.x]\nreflectance = 1\n")] {
+        fs::write(job.at(name), format!("default = \"x\"\n{coating}")).unwrap();
+        let path = job.at(name);
+        let coatings = ["--coatings", text(&path)];
+        let light = ["lens", "light", "double-gauss-28", "--wavelengths", "550"];
+        let found = lenscube(&[&light[..], &coatings].concat()).ok();
+        assert!(
+            found.stdout.contains(" 550.0  0.0000    0.0000       -                -"),
+            "{}",
+            found.stdout
+        );
+        assert!(!found.stdout.contains("NaN"), "{}", found.stdout);
+        let psf = lenscube(&[&["lens", "psf", "double-gauss-28", "--size", "9"], &coatings[..]].concat());
+        assert_error_line(&psf, FAILED, &["pass no light at 0.5876 µm", "coatings"]);
+        assert_error_line(&job.run("cache", "dark", &coatings), FAILED, &["pass no light at 0.5 µm"]);
+    }
+    assert!(!job.at("dark").exists());
+}
+
+#[test]
+fn surface_with_a_coating_between_equal_media_is_listed() {
+    let dir = tempfile::tempdir().unwrap();
+    let path = dir.path().join("stop.toml");
+    fs::write(&path, "[surface]\n6 = \"half\"\n[coating.half]\nreflectance = 0.5\n").unwrap();
+    let words = ["lens", "light", "double-gauss-28", "--json", "--coatings", text(&path)];
+    let found = json(lenscube(&words));
+    let stop = &found["surfaces"][5];
+    let transmittance = stop["transmittance"].as_f64().unwrap();
+    assert!(stop["surface"] == 6 && (transmittance - 0.5).abs() < 1e-12, "{stop}");
+}
+
+#[test]
+fn glass_catalogue_of_a_builtin_design_is_an_error() {
+    for command in [&["lens", "light", "phone"][..], &["lens", "psf", "phone"]] {
+        let ran = lenscube(&[command, &["--glass-catalog", "no.agf"]].concat());
+        assert_exit(&ran, USAGE, &["--glass-catalog no.agf", "phone is built in"]);
+    }
+}
+
+#[test]
+fn coatings_that_a_converted_design_would_lose_are_an_error() {
+    let dir = tempfile::tempdir().unwrap();
+    let out = dir.path().join("out.zmx");
+    let ran = lenscube(&["lens", "convert", "phone", text(&out), "--coatings", "mgf2"]);
+    assert_exit(&ran, USAGE, &["--coatings mgf2", "a design file names coatings"]);
+    assert!(!out.exists());
+}

@@ -52,6 +52,18 @@ fn toml_gives_each_surface_its_coating() {
 }
 
 #[test]
+fn tables_beside_a_file_are_listed() {
+    assert_eq!(toml::tables_beside(TOML), ["measured.csv"]);
+    assert!(toml::tables_beside("coating = 3").is_empty() && toml::tables_beside("= no").is_empty());
+}
+
+#[test]
+fn errors_do_not_repeat_a_long_line() {
+    let error = toml::parse(&format!("a = {}", "[".repeat(100_000)), &beside).unwrap_err().to_string();
+    assert!(error.contains("line 1, column") && error.len() < 300, "{}", error.len());
+}
+
+#[test]
 fn wrong_toml_is_an_error_that_says_where() {
     for (from, to, words) in [
         ("default = \"bbar\"", "default = \"bbra\"", "no coating `bbra`; there are BBAR, FLAT"),
@@ -65,6 +77,10 @@ fn wrong_toml_is_an_error_that_says_where() {
         ("[surface]", "[surfaces]", "`surfaces` is not known"),
         ("2 = \"ircut\"", "two = \"ircut\"", "expected the number of a surface"),
         ("2 = \"ircut\"", "0 = \"ircut\"", "counted from 1"),
+        ("3 = \"measured\"", "02 = \"measured\"", "two coatings of surface 2"),
+        ("[coating.flat]", "[coating.BBar]", "[coating.bbar] another coating has this name"),
+        ("n = 1.46", "n = 1.46\nk = 0.1", "[material.SiO2] `k` is not known"),
+        ("default =", "default = =", "line 2, column 11: "),
     ] {
         assert!(TOML.contains(from), "{from}");
         let read = toml::parse(&TOML.replacen(from, to, 1), &beside).and_then(|f| f.coatings());

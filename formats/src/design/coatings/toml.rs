@@ -16,6 +16,7 @@
 
 use super::{CoatingFile, MAX_LAYERS, MAX_ROWS, check_layer, csv, error};
 use crate::design::error::LensFileError;
+use crate::toml_error::located;
 use ::toml::{Table, Value};
 use pipeline::design::coating::{Coating, Film, FilmIndex, Spectrum};
 
@@ -27,9 +28,16 @@ pub type ReadBeside<'a> = &'a dyn Fn(&str) -> Result<String, String>;
 /// # Errors
 /// [`LensFileError::Coating`] with the entry and what is wrong with it.
 pub fn parse(text: &str, beside: ReadBeside<'_>) -> Result<CoatingFile, LensFileError> {
-    let table: Table =
-        ::toml::from_str(text).map_err(|e| error(e.to_string().trim_end().replace('\n', " ")))?;
+    let table: Table = ::toml::from_str(text).map_err(|e| error(located(&e, text)))?;
     read(&table, beside).map_err(error)
+}
+
+/// Names of the tables that the coatings in `text` read beside their file; none of a text that is not read.
+pub fn tables_beside(text: &str) -> Vec<String> {
+    let table: Table = ::toml::from_str(text).unwrap_or_default();
+    let coatings = table.get("coating").and_then(Value::as_table);
+    let named = coatings.into_iter().flat_map(Table::values).filter_map(|c| c.get("table")?.as_str());
+    named.map(str::to_owned).collect()
 }
 
 fn read(table: &Table, beside: ReadBeside<'_>) -> Result<CoatingFile, String> {
@@ -47,12 +55,19 @@ fn read(table: &Table, beside: ReadBeside<'_>) -> Result<CoatingFile, String> {
     for (number, name) in part("surface")? {
         let surface =
             number.parse().map_err(|_| format!("[surface] {number}: expected the number of a surface"))?;
+        if file.surfaces.iter().any(|(other, _)| *other == surface) {
+            return Err(format!("[surface] has two coatings of surface {surface}"));
+        }
         file.surfaces.push((surface, word(&name).map_err(|e| format!("[surface] {number}: {e}"))?));
     }
     let materials = part("material")?;
     for (name, entry) in part("coating")? {
         let coating =
             coating(&name, &entry, &materials, beside).map_err(|e| format!("[coating.{name}] {e}"))?;
+        // Names are compared without regard to case, as those of the design program.
+        if file.named.contains_key(&name.to_ascii_uppercase()) {
+            return Err(format!("[coating.{name}] another coating has this name in other letters"));
+        }
         file.add(&name, Ok(coating))?;
     }
     Ok(file)
@@ -121,9 +136,15 @@ fn film(layer: &Value, materials: &Table) -> Result<Film, String> {
     let Some([Value::String(name), thickness]) = layer.as_array().map(Vec::as_slice) else {
         return Err(format!("{layer:?}: expected [\"MATERIAL\", thickness in nm]"));
     };
-    let material = materials.get(name).and_then(|m| m.get("n"));
+    let entry = materials.get(name).and_then(Value::as_table);
+    let material = entry.and_then(|m| m.get("n"));
     let material =
         material.ok_or_else(|| format!("material {name} has no entry [material.{name}] with n"))?;
+    if let Some(other) = entry.into_iter().flat_map(Table::keys).find(|key| *key != "n") {
+        return Err(format!(
+            "[material.{name}] `{other}` is not known: an absorbing material is n = [[wavelength in nm, n, k], …]"
+        ));
+    }
     let entries: Vec<(f64, f64, f64)> = rows(material, 3)
         .map_err(|e| format!("[material.{name}] {e}"))?
         .iter()

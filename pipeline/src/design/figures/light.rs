@@ -22,7 +22,7 @@ pub struct LightFigures {
     pub edge_ratio: f64,
 }
 
-/// A surface that refracts or reflects.
+/// A surface that refracts, reflects or has a coating.
 #[derive(Clone, Debug, PartialEq)]
 pub struct SurfaceLight {
     /// Number from 1.
@@ -60,7 +60,7 @@ pub fn light_figures(system: &System, nm: f64, edge_tan: f64) -> Result<LightFig
     })
 }
 
-/// The surfaces of `system` that refract or reflect, at `nm`.
+/// The surfaces of `system` that refract, reflect or have a coating, at `nm`.
 ///
 /// # Errors
 /// A wavelength outside the tables of a glass or a coating.
@@ -70,7 +70,7 @@ pub fn surface_light(system: &System, nm: f64) -> Result<Vec<SurfaceLight>, Desi
     let mut found = Vec::new();
     for (i, s) in system.surfaces.iter().enumerate().take(system.image()) {
         let behind = s.medium.index(um)?;
-        if s.is_mirror || system.is_boundary(i).0 {
+        if s.is_mirror || system.is_boundary(i).0 || s.coating.is_some() {
             let (coating, (reflectance, transmittance)) = match &s.coating {
                 None => ("ideal", if s.is_mirror { (1.0, 0.0) } else { (0.0, 1.0) }),
                 Some(coating) => (word(coating), coating.at(um)?.amplitudes(before, behind, 1.0).powers()),

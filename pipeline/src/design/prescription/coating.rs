@@ -9,7 +9,8 @@
 //! ```
 //! r is that of the tangential field, t is scaled so that |t|² is the share of the power. Without films these are Fresnel's equations. Films are listed from
 //! the side of the lower index: light from the other side meets them in reverse; T is the same from both sides.
-//! Where the light is totally reflected no ray is traced.
+//! Where the light is totally reflected no ray is traced. cos δ and sin δ of an absorbing film grow as e^|Im δ|: they are computed without this factor, of which 1/t
+//! has the product.
 //! Source: Macleod, Thin-Film Optical Filters, 4th ed., chapter 2 (Abelès's characteristic matrices).
 //! Left out: interference between surfaces, scatter in the films, birefringence, the phase that a coating adds to a wavefront.
 
@@ -206,16 +207,22 @@ impl CoatingAt {
     }
 }
 
+/// Largest size of B and C, above which both are scaled.
+const LARGE: f64 = 1e100;
+
 /// Amplitudes of films between `n1` and `n2`, listed in the order in which the light meets them if `is_forward`, else in reverse.
 fn stack(n1: f64, n2: f64, cos1: f64, films: &[(Complex64, f64)], is_forward: bool) -> Amplitudes {
     let sine2 = n1 * n1 * (1.0 - cos1 * cos1);
     let cosine = |n: Complex64| square_root(Complex64::new(1.0, 0.0) - sine2 / (n * n));
     let (substrate, i) = (Complex64::new(n2, 0.0), Complex64::new(0.0, 1.0));
     let cos2 = cosine(substrate);
-    // Cosine and sine of the phase of each film, and its N and cos θ, from the substrate outwards.
+    // N, cos θ, and cosine and sine of the phase of each film, from the substrate outwards; what was left out of these.
+    let mut growth = 0.0;
     let film = |(n, thickness): &(Complex64, f64)| {
         let cos = cosine(*n);
-        let (cos_phase, sin_phase) = cos_sin(*n * cos * (2.0 * PI * thickness));
+        let phase = *n * cos * (2.0 * PI * thickness);
+        growth += phase.im.abs();
+        let (cos_phase, sin_phase) = cos_sin(phase);
         (*n, cos, cos_phase, sin_phase)
     };
     let films: Vec<_> = match is_forward {
@@ -224,13 +231,16 @@ fn stack(n1: f64, n2: f64, cos1: f64, films: &[(Complex64, f64)], is_forward: bo
     };
     let polarised = |eta: fn(Complex64, Complex64) -> Complex64| {
         let (eta1, eta2) = (eta(Complex64::new(n1, 0.0), Complex64::new(cos1, 0.0)), eta(substrate, cos2));
-        let (mut b, mut c) = (Complex64::new(1.0, 0.0), eta2);
+        let (mut b, mut c, mut left) = (Complex64::new(1.0, 0.0), eta2, real::exp(-growth));
         for (n, cos, cos_phase, sin_phase) in &films {
             let e = eta(*n, *cos);
             (b, c) = (cos_phase * b - i * sin_phase / e * c, -i * e * sin_phase * b + cos_phase * c);
+            if b.re.abs().max(b.im.abs()).max(c.re.abs()).max(c.im.abs()) > LARGE {
+                (b, c, left) = (b / LARGE, c / LARGE, left / LARGE);
+            }
         }
         let sum = eta1 * b + c;
-        ((eta1 * b - c) / sum, Complex64::new(2.0 * (eta1.re * eta2.re.max(0.0)).sqrt(), 0.0) / sum)
+        ((eta1 * b - c) / sum, Complex64::new(2.0 * left * (eta1.re * eta2.re.max(0.0)).sqrt(), 0.0) / sum)
     };
     let (s, p) = (polarised(|n, cos| n * cos), polarised(|n, cos| n / cos));
     Amplitudes { r: [s.0, p.0], t: [s.1, p.1] }
@@ -249,14 +259,14 @@ fn square_root(z: Complex64) -> Complex64 {
     Complex64::new(re, im.copysign(z.im))
 }
 
-/// cos z and sin z.
+/// cos z and sin z, both times e^−|Im z|, which keeps them finite.
 fn cos_sin(z: Complex64) -> (Complex64, Complex64) {
     let (sin, cos) = real::sin_cos(z.re);
     if z.im == 0.0 {
         return (Complex64::new(cos, 0.0), Complex64::new(sin, 0.0));
     }
-    let (up, down) = (real::exp(z.im), real::exp(-z.im));
-    let (cosh, sinh) = (0.5 * (up + down), 0.5 * (up - down));
+    let small = real::exp(-2.0 * z.im.abs());
+    let (cosh, sinh) = (0.5 * (1.0 + small), (0.5 * (1.0 - small)).copysign(z.im));
     (Complex64::new(cos * cosh, -sin * sinh), Complex64::new(sin * cosh, cos * sinh))
 }
 
@@ -313,6 +323,24 @@ mod tests {
                 assert!(rs + ts < 0.99 && rp + tp < 0.99);
             }
         }
+    }
+
+    /// A metal so thick that its cosine of the phase exceeds the range of numbers reflects as its bulk: R = |(1 − N)/(1 + N)|².
+    #[test]
+    fn thick_metal_is_opaque_and_reflects_as_its_bulk() {
+        for layers in [1, 200] {
+            let coating = Coating::Films(vec![film(0.8, 6.0, 100.0); layers]);
+            for (n1, n2) in [(1.0, 1.5), (1.5, 1.0)] {
+                let [rs, rp, ts, tp] = powers(&coating, n1, n2, 0.5, 0.0);
+                let bulk = ((n1 - 0.8) * (n1 - 0.8) + 36.0) / ((n1 + 0.8) * (n1 + 0.8) + 36.0);
+                assert!((rs - bulk).abs() < 1e-12 && (rp - bulk).abs() < 1e-12, "{rs} {rp} {bulk}");
+                assert_eq!((ts, tp), (0.0, 0.0));
+            }
+        }
+        // Extremes of the bounds: dense and thin films in turn.
+        let pairs = (0..200).map(|i| film(if i % 2 == 0 { 10.0 } else { 0.01 }, 100.0, 1.0));
+        let extreme = Coating::Films(pairs.collect());
+        assert!(powers(&extreme, 1.0, 1.5, 0.5, 60.0).iter().all(|v| (0.0..=1.0).contains(v)));
     }
 
     /// From both sides a coating transmits the same, an absorbing one reflects differently.

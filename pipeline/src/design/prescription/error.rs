@@ -49,6 +49,15 @@ pub enum DesignError {
         /// Wavelengths of its table, µm; none if it is empty.
         range_um: Option<(f64, f64)>,
     },
+    /// No light reaches the film.
+    #[error(
+        "the coatings or glasses of the design pass no light at {um} µm; choose other wavelengths or coatings",
+        um = tidy(.wavelength_um)
+    )]
+    Dark {
+        /// Wavelength, µm.
+        wavelength_um: f64,
+    },
     /// The paraxial system has no finite focal length, pupil or image.
     #[error("the design has no usable {what} at {um} µm: {problem}", um = tidy(.wavelength_um))]
     Paraxial {

@@ -28,6 +28,8 @@ pub(super) const THETA: [f64; 4] = [0.011, 0.34, 0.72, 0.988];
 
 /// Rays that may be aimed for a pupil function; one with eight segments on the largest grids needs 400,000.
 const MAX_RAYS: u32 = 500_000;
+/// Energy at or below which a pupil is dark; that of a lens in units of mm² is near 1, and smaller ones would be lost in rounding.
+const LEAST_ENERGY: f64 = 1e-100;
 
 /// The pupil function of a field point: phase, direction cosines and amplitude over the open pupil's upper half.
 #[derive(Clone, Debug, PartialEq)]
@@ -211,7 +213,11 @@ impl PupilFunction {
                     sampler.patches(&pupil, nearby)
                 })
             })?;
-            Ok(Self::new(tracer.wavelength_um, pupil, patches, chief.x.v))
+            let function = Self::new(tracer.wavelength_um, pupil, patches, chief.x.v);
+            match function.energy > LEAST_ENERGY {
+                true => Ok(function),
+                false => Err(DesignError::Dark { wavelength_um: tracer.wavelength_um }),
+            }
         })
     }
 
