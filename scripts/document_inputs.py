@@ -108,6 +108,8 @@ MAKERS = {
     "scene.zarr": scene_zarr,
     "film.zarr": film_zarr,
     "raw.zarr": lambda path, lenscube: raw(path, lenscube, 1),
+    "lens-a.zarr": film_zarr,
+    "lens-b.zarr": film_zarr,
     "lens-a.raw.zarr": lambda path, lenscube: raw(path, lenscube, 1),
     "lens-b.raw.zarr": lambda path, lenscube: raw(path, lenscube, 2),
     "cube.npy": lambda path, _: np.save(path, cube()),
@@ -135,7 +137,7 @@ cube = xarray.open_zarr("edge-cube.zarr", consolidated=False).chart.load()
 # What the commands of a page need before they begin; they make all else themselves.
 PAGES = {
     "README.md": ["cube.zarr", "cube.npy", "MY.zmx", "chart.zarr", "scene.zarr"],
-    "camera.md": ["chart.zarr", "film.zarr", "lens-a.raw.zarr", "lens-b.raw.zarr"],
+    "camera.md": ["chart.zarr", "film.zarr", "lens-a.zarr", "lens-b.zarr", "lens-a.raw.zarr", "lens-b.raw.zarr"],
     "charts.md": ["cube.zarr", "cube.hdr", "cube.mat", "cave", "cube.tif", "cube.npy", "cube.raw", "photo.png"],
     "clusters.md": ["chart.zarr"],
     "depth.md": ["scene.zarr", "MY.zmx", "render.exr", "depth.npy", "behind.zarr"],

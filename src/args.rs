@@ -115,7 +115,7 @@ pub enum Command {
     Develop(Box<DevelopArgs>),
     /// Chart to picture in one command: run, sensor, develop
     Shoot(Box<ShootArgs>),
-    /// Compare two raws, e.g. of two lenses under the same noise: difference, SNR, MTF, colours
+    /// Compare two raws, e.g. of two lenses under the same noise: difference, SNR, MTF, colours; or two films
     Compare(Box<CompareArgs>),
     /// Divide a job into units for many processes, on one machine or on a cluster
     Plan(Box<PlanArgs>),

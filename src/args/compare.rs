@@ -9,32 +9,33 @@ use std::path::PathBuf;
 /// `lenscube compare`
 #[derive(Debug, Args)]
 #[command(after_help = "Examples:\n  lenscube compare lens-a.raw.zarr lens-b.raw.zarr --out compared\n  \
-lenscube compare f2.raw.zarr f4.raw.zarr --out compared --edge 1020,900,1034,1060 --patch 300,300,40,40\n\
+lenscube compare f2.raw.zarr f4.raw.zarr --out compared --edge 1020,900,1034,1060 --patch 300,300,40,40\n  \
+lenscube compare film-a.zarr film-b.zarr --out compared --edge 1020,900,1034,1060\n\
 Raws of one --seed and --die have the same noise: their difference is that of lens, aperture or film alone. The directory gets report.html,\n\
-difference.png, figures and tables (CSV, JSON). Positions are pixels of the raw.")]
+difference.png, figures and tables (CSV, JSON). Films are compared band by band, in their unit. Positions are pixels of the raw or film.")]
 pub struct CompareArgs {
-    /// First raw, PATH or PATH//roi_0
-    #[arg(value_name = "RAW_A")]
+    /// First raw or film, PATH or PATH//roi_0
+    #[arg(value_name = "A")]
     pub first: String,
-    /// Second raw, of the same pixels and filters
-    #[arg(value_name = "RAW_B")]
+    /// Second one: a raw of the same pixels and filters, or a film of the same pixels
+    #[arg(value_name = "B")]
     pub second: String,
     /// Directory for the report
     #[arg(long, value_name = "DIR")]
     pub out: PathBuf,
-    /// Frame of both raws, from 0
+    /// Frame of both raws, from 0; films have none
     #[arg(long, default_value_t = 0)]
     pub frame: usize,
     /// Regions along each side
     #[arg(long, value_name = "N", default_value_t = 8, value_parser = clap::value_parser!(u32).range(1..=64))]
     pub grid: u32,
-    /// MTF of the edge near this line (e-SFR, ISO 12233), of each plane and of luminance; repeatable
+    /// MTF of the edge near this line (e-SFR, ISO 12233), of each plane and of luminance, of films in each band; repeatable
     #[arg(long, value_name = "X0,Y0,X1,Y1", value_parser = four, allow_hyphen_values = true)]
     pub edge: Vec<[f64; 4]>,
     /// Half width of the region around an edge, px
     #[arg(long, value_name = "PX", default_value_t = 24, value_parser = clap::value_parser!(u32).range(4..=1000))]
     pub half_px: u32,
-    /// Colour difference (ΔE2000) of this patch; repeatable. 24 patches are those of a ColorChecker, row by row
+    /// Colour difference (ΔE2000) of this patch of raws; repeatable. 24 patches are those of a ColorChecker, row by row
     #[arg(long, value_name = "X,Y,W,H", value_parser = roi)]
     pub patch: Vec<Rect>,
     /// Worker threads [default: all cores]

@@ -1,6 +1,6 @@
-//! `lenscube compare`: two raws of the same sensor pixels, difference by difference.
+//! `lenscube compare`: two raws of the same sensor pixels, or two films ([`films`]), difference by difference.
 //!
-//! All figures are electrons, e = (DN − black)/(g·K), so that gains and black levels do not matter:
+//! All figures of raws are electrons, e = (DN − black)/(g·K), so that gains and black levels do not matter:
 //!
 //! ```text
 //! difference    d = e_B − e_A of each pixel; its mean and standard deviation per region and plane       regions
@@ -13,20 +13,22 @@
 //! difference, and what remains is the difference of the two films.
 
 mod edges;
+mod film_report;
+mod films;
 mod patches;
 mod regions;
 mod report;
 
 use crate::args::{CompareArgs, DevelopStyle, check_directory};
 use crate::camera::Developer;
-use crate::camera::frame::Frame;
+use crate::camera::frame::{Frame, split_group};
 use crate::failure::usage;
 use crate::machine::threads;
 use crate::outputs::check_absent_in;
 use crate::progress::log_line;
 use anyhow::{Context, Result};
 use formats::durable::{AtomicFile, create_directories, finish_together};
-use formats::raw::RawSpec;
+use formats::raw::{RawSpec, RawStore};
 use serde_json::{Value, json};
 use std::io::ErrorKind;
 use std::path::Path;
@@ -59,6 +61,9 @@ pub struct Pair {
 pub fn command(args: &CompareArgs) -> Result<u8> {
     check_directory(&args.out)?;
     check_absent_in(&args.out, FILES, args.overwrite)?;
+    if !of_raws(args)? {
+        return finish(args, films::compare(args)?, !args.edge.is_empty(), false);
+    }
     let threads = threads(args.threads);
     let pair = Pair::open(args)?;
     log_line(pair.noise_note());
@@ -108,14 +113,34 @@ pub fn command(args: &CompareArgs) -> Result<u8> {
     )?);
     let html = report::html(&pair, &difference, &figures, &regions, &edges, &patches);
     files.push(AtomicFile::with_text(&args.out.join("report.html"), &html)?);
+    report::print_summary(&regions, &edges, &patches);
+    finish(args, files, !edges.is_empty(), !patches.is_empty())
+}
+
+/// Whether both are raws; films if neither is.
+fn of_raws(args: &CompareArgs) -> Result<bool> {
+    let is_raw = |name: &str| {
+        !name.starts_with("gen:") && RawStore::is_one(Path::new(split_group(name).0)).unwrap_or(false)
+    };
+    match (is_raw(&args.first), is_raw(&args.second)) {
+        (true, true) => Ok(true),
+        (false, false) => Ok(false),
+        (first, _) => {
+            let (raw, other) = if first { (&args.first, &args.second) } else { (&args.second, &args.first) };
+            Err(usage(format!("{raw} is a raw, {other} is none: expected two raws, or two films")))
+        }
+    }
+}
+
+/// Makes the files visible, removes those of an earlier comparison that this one lacks, and returns the exit code.
+fn finish(args: &CompareArgs, files: Vec<AtomicFile>, has_edges: bool, has_patches: bool) -> Result<u8> {
     finish_together(files)?;
     let written = |file: &str| match file {
-        "mtf.csv" => !edges.is_empty(),
-        "patches.csv" => !patches.is_empty(),
+        "mtf.csv" => has_edges,
+        "patches.csv" => has_patches,
         _ => true,
     };
     FILES.iter().filter(|f| !written(f)).try_for_each(|f| remove_earlier(&args.out.join(f)))?;
-    report::print_summary(&regions, &edges, &patches);
     log_line(format!("wrote {}", args.out.join("report.html").display()));
     Ok(0)
 }

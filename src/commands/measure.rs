@@ -35,17 +35,20 @@ const MAX_CY_PX: f64 = 1.0;
 const CACHE_BYTES: usize = 256 << 20;
 
 /// Measurement of one band.
-struct Measurement {
+pub struct Measurement {
     nm: f64,
-    figures: Value,
+    /// Figures by name.
+    pub figures: Value,
     summary: String,
-    remarks: Vec<Remark>,
+    /// What makes them doubtful.
+    pub remarks: Vec<Remark>,
     curve: Vec<(f64, f64)>,
-    mtf: Vec<(f64, f64)>,
+    /// Frequency in cycles per pixel, and modulation.
+    pub mtf: Vec<(f64, f64)>,
 }
 
 /// (row, column) in pixels.
-type Position = (f64, f64);
+pub type Position = (f64, f64);
 
 /// Runs the command.
 pub fn command(args: &MeasureArgs) -> Result<()> {
@@ -141,7 +144,11 @@ pub fn edge_region(a: Position, b: Position, half: usize) -> (EdgeLine, Rect, f6
     (guess, rect, (b.0 - a.0).hypot(b.1 - a.1))
 }
 
-fn edge(
+/// The edge between two positions.
+///
+/// # Errors
+/// The positions are not on an edge that can be measured; the film is not complete.
+pub fn edge(
     chart: &Chart,
     band: usize,
     nm: f64,

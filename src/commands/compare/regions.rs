@@ -12,9 +12,9 @@ use std::fmt::Write;
 use std::sync::Mutex;
 
 /// Longest side of the picture of the difference.
-const MAX_SIDE: usize = 1600;
+pub const MAX_SIDE: usize = 1600;
 /// Rows that a worker reads, about.
-const ROWS: usize = 512;
+pub const ROWS: usize = 512;
 /// Share of the picture's pixels within the scale of its colours.
 const SHOWN: f64 = 0.995;
 
@@ -96,8 +96,8 @@ pub struct Difference {
     pub image: Image,
     /// Pixels of the raw along a side of one of the picture's.
     pub block: usize,
-    /// Difference of full colour, e-.
-    pub scale_e: f64,
+    /// Difference of full colour: e-, of films in their unit.
+    pub scale: f64,
 }
 
 impl Difference {
@@ -107,7 +107,7 @@ impl Difference {
             "{} minus {}: mean of {n} x {n} pixels, red above, blue below 0, full colour at {:.1} e-",
             pair.names[1],
             pair.names[0],
-            self.scale_e,
+            self.scale,
             n = self.block
         )
     }
@@ -206,15 +206,11 @@ impl Work<'_> {
 
     fn regions(&self, sums: &[Sums], planes: &[String]) -> Vec<Region> {
         let frame = &self.pair.frames[0];
-        let (down, across) = self.grid;
-        let edge = |k: usize, cells: usize, n: usize| (k * n).div_ceil(cells) as i64;
+        let rects = cell_rects(self.size, self.grid);
         let mut regions = Vec::new();
         for (k, sum) in sums.iter().enumerate().filter(|(_, s)| s.pixels > 0) {
-            let (cell, plane) = (k / self.planes, k % self.planes);
-            let (i, j) = (cell / across, cell % across);
-            let (y, bottom) = (edge(i, down, self.size.height), edge(i + 1, down, self.size.height));
-            let (x, right) = (edge(j, across, self.size.width), edge(j + 1, across, self.size.width));
-            let rect = Rect::new(y, x, (bottom - y) as usize, (right - x) as usize);
+            let plane = k % self.planes;
+            let rect = rects[k / self.planes];
             let n = sum.pixels as f64;
             let mean_e = [sum.a / n, sum.b / n];
             let mean = mean_e[1] - mean_e[0];
@@ -256,11 +252,24 @@ fn sigma_e(frame: &Frame, mean_e: f64) -> f64 {
     s.noise_variance(noise, frame.gain, mean_e.max(0.0), dark_e).total_e2().sqrt()
 }
 
-fn draw(picture: &[f32], width: usize, block: usize) -> Difference {
+/// Rectangles of a grid of `cells` (down, across), row by row.
+pub fn cell_rects(size: Size, cells: (usize, usize)) -> Vec<Rect> {
+    let edge = |k: usize, cells: usize, n: usize| (k * n).div_ceil(cells) as i64;
+    let cell = |k: usize| {
+        let (i, j) = (k / cells.1, k % cells.1);
+        let (y, bottom) = (edge(i, cells.0, size.height), edge(i + 1, cells.0, size.height));
+        let (x, right) = (edge(j, cells.1, size.width), edge(j + 1, cells.1, size.width));
+        Rect::new(y, x, (bottom - y) as usize, (right - x) as usize)
+    };
+    (0..cells.0 * cells.1).map(cell).collect()
+}
+
+/// The difference in blocks, `width` of them a row, each of `block` pixels a side.
+pub fn draw(picture: &[f32], width: usize, block: usize) -> Difference {
     let mut sizes: Vec<f32> = picture.iter().map(|v| v.abs()).collect();
     sizes.sort_by(f32::total_cmp);
     let rank = ((SHOWN * sizes.len() as f64).ceil() as usize).clamp(1, sizes.len()) - 1;
-    let scale = f64::from(sizes[rank]).max(1e-6);
+    let scale = f64::from(sizes[rank]).max(f64::from(f32::MIN_POSITIVE));
     let mut image = Image::new(Size::new(picture.len() / width, width), [0; 3]);
     for (y, line) in picture.chunks_exact(width).enumerate() {
         for (pixel, v) in image.row_mut(y).iter_mut().zip(line) {
@@ -269,5 +278,5 @@ fn draw(picture: &[f32], width: usize, block: usize) -> Difference {
             *pixel = if t > 0.0 { [255, rest, rest] } else { [rest, rest, 255] };
         }
     }
-    Difference { image, block, scale_e: scale }
+    Difference { image, block, scale }
 }

@@ -16,10 +16,10 @@ h1{font-size:24px}h2{font-size:19px;margin-top:32px;border-bottom:1px solid #bbb
 th,td{padding:2px 8px;border:1px solid #ccc;text-align:right}th{background:#f2f2f2}img,svg{max-width:100%;height:auto}\
 @media print{body{padding:0;font-size:11px}tr,img,svg{break-inside:avoid}}";
 /// Highest frequency that is shown, cycles per pixel.
-const MAX_CY_PX: f64 = 0.6;
+pub const MAX_CY_PX: f64 = 0.6;
 
-/// Names of the raws.
-const RAWS: [&str; 2] = ["A", "B"];
+/// Names of the raws or films.
+pub const NAMES: [&str; 2] = ["A", "B"];
 
 /// SNR and difference over image height, and the MTF of each edge.
 pub fn figures(pair: &Pair, regions: &[Region], edges: &[Edge]) -> Figure {
@@ -37,7 +37,7 @@ pub fn figures(pair: &Pair, regions: &[Region], edges: &[Edge]) -> Figure {
     let mut snr = Plot::new("", axis(), Axis::new("SNR of a pixel (dB)", 0.0, 0.0));
     let mut ratio = Plot::new("", axis(), Axis::new("difference / its noise", 0.0, 0.0));
     for (i, plane) in planes.iter().enumerate() {
-        for (raw, name) in RAWS.iter().enumerate() {
+        for (raw, name) in NAMES.iter().enumerate() {
             let points = over_height(&|r| r.snr_db(raw), plane);
             let dots = Shape::Dots(if raw == 0 { 3.5 } else { 2.0 });
             snr.series.push(Series::distinct(format!("{plane} in {name}"), points, 2 * i + raw).shaped(dots));
@@ -55,7 +55,7 @@ pub fn figures(pair: &Pair, regions: &[Region], edges: &[Edge]) -> Figure {
             Axis::new(format!("MTF, edge {k}"), 0.0, 1.05),
         );
         for (i, curve) in edge.curves.iter().enumerate() {
-            for (raw, name) in RAWS.iter().enumerate() {
+            for (raw, name) in NAMES.iter().enumerate() {
                 let Ok(EdgeMtf { mtf, .. }) = &curve.measured[raw] else { continue };
                 let points = std::iter::zip(&mtf.frequency_cy_px, &mtf.modulation);
                 let points = points.filter(|(f, _)| **f <= MAX_CY_PX).map(|(f, m)| (*f, *m)).collect();
@@ -77,14 +77,6 @@ pub fn html(
     edges: &[Edge],
     patches: &[Patch],
 ) -> String {
-    let rows = |cells: Vec<Vec<String>>| -> String {
-        let row = |(k, cells): (usize, &Vec<String>)| {
-            let tag = if k == 0 { "th" } else { "td" };
-            let cells: String = cells.iter().map(|c| format!("<{tag}>{}</{tag}>", escape(c))).collect();
-            format!("<tr>{cells}</tr>")
-        };
-        format!("<table>{}</table>", cells.iter().enumerate().map(row).collect::<String>())
-    };
     let mut body = format!(
         "<p>A: <b>{}</b><br>B: <b>{}</b>. {}</p><h2>Difference B &minus; A</h2><p>{}</p><img src=\"difference.png\" alt=\"difference\">\
          <h2>SNR and difference over image height; MTF</h2><p>One dot per region. SNR: mean over the standard deviation of a pixel by the \
@@ -98,29 +90,29 @@ pub fn html(
     );
     if !edges.is_empty() {
         let head = ["edge", "plane", "MTF50 A (cycles/px)", "MTF50 B (cycles/px)", "doubtful"];
-        let mut table = vec![head.map(String::from).to_vec()];
+        let mut rows = vec![head.map(String::from).to_vec()];
         for (k, edge) in edges.iter().enumerate() {
             for curve in &edge.curves {
                 let remarks: Vec<String> = (0..2)
-                    .flat_map(|raw| curve.remarks(raw).map(move |r| format!("{}: {r}", RAWS[raw])))
+                    .flat_map(|raw| curve.remarks(raw).map(move |r| format!("{}: {r}", NAMES[raw])))
                     .collect();
                 let cells =
                     [k.to_string(), curve.name.clone(), curve.mtf50(0), curve.mtf50(1), remarks.join("; ")];
-                table.push(cells.to_vec());
+                rows.push(cells.to_vec());
             }
         }
-        body += &format!("<h2>Edges</h2>{}", rows(table));
+        body += &format!("<h2>Edges</h2>{}", table(rows));
     }
     if !patches.is_empty() {
         let head =
             ["patch", "ΔE2000 B against A", "A against the ColorChecker", "B against the ColorChecker"];
-        let mut table = vec![head.map(String::from).to_vec()];
+        let mut rows = vec![head.map(String::from).to_vec()];
         for p in patches {
             let [a, b] =
                 p.to_checker.map_or([String::new(), String::new()], |c| c.map(|v| format!("{v:.2}")));
-            table.push(vec![p.name.clone(), format!("{:.2}", p.delta_e), a, b]);
+            rows.push(vec![p.name.clone(), format!("{:.2}", p.delta_e), a, b]);
         }
-        body += &format!("<h2>Patches</h2>{}", rows(table));
+        body += &format!("<h2>Patches</h2>{}", table(rows));
     }
     let head = [
         "x",
@@ -135,9 +127,9 @@ pub fn html(
         "SNR B (dB)",
         "noise-equivalent (e-)",
     ];
-    let mut table = vec![head.map(String::from).to_vec()];
+    let mut rows = vec![head.map(String::from).to_vec()];
     for r in regions {
-        table.push(vec![
+        rows.push(vec![
             r.rect.x.to_string(),
             r.rect.y.to_string(),
             r.plane.clone(),
@@ -151,11 +143,26 @@ pub fn html(
             format!("{:.2}", r.equivalent_e()),
         ]);
     }
-    body += &format!("<h2>Regions</h2>{}", rows(table));
+    body += &format!("<h2>Regions</h2>{}", table(rows));
+    page("Comparison of two raws", &body)
+}
+
+/// A page of this title.
+pub fn page(title: &str, body: &str) -> String {
     format!(
         "<!DOCTYPE html>\n<html lang=\"en\"><head><meta charset=\"utf-8\"><title>lenscube compare</title><style>{PAGE}</style></head>\
-         <body><h1>Comparison of two raws</h1>{body}</body></html>\n"
+         <body><h1>{title}</h1>{body}</body></html>\n"
     )
+}
+
+/// A table whose first row is its head.
+pub fn table(rows: Vec<Vec<String>>) -> String {
+    let row = |(k, cells): (usize, &Vec<String>)| {
+        let tag = if k == 0 { "th" } else { "td" };
+        let cells: String = cells.iter().map(|c| format!("<{tag}>{}</{tag}>", escape(c))).collect();
+        format!("<tr>{cells}</tr>")
+    };
+    format!("<table>{}</table>", rows.iter().enumerate().map(row).collect::<String>())
 }
 
 /// Figures on stdout.
@@ -182,7 +189,7 @@ pub fn print_summary(regions: &[Region], edges: &[Edge], patches: &[Patch]) {
     for (k, edge) in edges.iter().enumerate() {
         for c in &edge.curves {
             print(format!("edge {k}, {}: MTF50 {} and {} cycles/px", c.name, c.mtf50(0), c.mtf50(1)));
-            for (raw, name) in RAWS.iter().enumerate() {
+            for (raw, name) in NAMES.iter().enumerate() {
                 c.remarks(raw).for_each(|r| print(format!("edge {k}, {} in {name}: DOUBTFUL: {r}", c.name)));
             }
         }

@@ -114,3 +114,75 @@ fn other_noise_is_named_and_another_place_is_refused() {
     let moved = raw("moved.zarr", &["--size", "30", "--center", "0.02,0"]);
     assert_exit(&compare(&moved, "no"), USAGE, &["middles in mm"]);
 }
+
+/// Uniform films of 0.5 and 0.6: a difference of 0.1 everywhere, a fifth of the first, in the bands that both have.
+#[test]
+fn films_are_compared_band_by_band() {
+    let dir = tempfile::tempdir().unwrap();
+    let at = |name: &str| dir.path().join(name);
+    let compare = |a: &str, b: &str, out: &Path, more: &[&str]| {
+        lenscube(&[&["compare", a, b, "--out", text(out)], more].concat())
+    };
+    let json = |out: &Path| -> serde_json::Value {
+        serde_json::from_slice(&std::fs::read(out.join("compare.json")).unwrap()).unwrap()
+    };
+    let uniform = |value: f64, nm: &str| {
+        format!("gen:uniform?size=90&overscan=0&pitch_um=2&value={value}&wavelengths={nm}")
+    };
+    let (a, b) = (uniform(0.5, "450,550,650"), uniform(0.6, "550,650,700"));
+    let ran = compare(&a, &b, &at("out"), &["--grid", "2"]).ok();
+    assert!(ran.stderr.contains("2 bands that only one of the films has"), "{}", ran.stderr);
+    assert!(ran.stdout.contains("550 nm: mean 0.5 and 0.6, difference 0.1"), "{}", ran.stdout);
+    let all = json(&at("out"));
+    assert_eq!(all["bands"].as_array().unwrap().len(), 2);
+    let close = |value: &serde_json::Value, expected: f64| (value.as_f64().unwrap() - expected).abs() < 1e-7;
+    for band in all["bands"].as_array().unwrap() {
+        assert!(close(&band["difference_mean"], 0.1) && close(&band["difference_rms"], 0.1), "{band}");
+        assert!(
+            close(&band["difference_rms_share"], 0.2) && close(&band["difference_largest"], 0.1),
+            "{band}"
+        );
+        assert!(
+            close(&band["regions"][3]["mean"][1], 0.6) && band["regions"][3]["region"][0] == 45,
+            "{band}"
+        );
+    }
+    assert_eq!(std::fs::read_to_string(at("out/regions.csv")).unwrap().lines().count(), 1 + 2 * 4);
+    for file in ["report.html", "difference.png", "figures.png"] {
+        assert!(std::fs::metadata(at("out").join(file)).unwrap().len() > 100, "{file}");
+    }
+    // The film of an edge without and with PSFs: the lens lowers the MTF, as `lenscube measure` says of each.
+    let chart = "gen:slanted-edge?size=240&pitch_um=2&wavelengths=550&angle_deg=5";
+    let (sharp, film) = (at("sharp"), at("film"));
+    crate::common::run(chart, &sharp, LENS, &["--stages", "ri"]).ok();
+    crate::common::run(chart, &film, LENS, &[]).ok();
+    let ran = compare(text(&sharp), text(&film), &at("edge"), &["--edge", "114,60,125,180"]);
+    let edge = &json(&at("edge"))["edges"][0]["bands"][0];
+    let measured = lenscube(&["measure", text(&film), "--edge", "114,60,125,180"]).ok();
+    let mtf50 = edge["b"]["figures"]["mtf50_cy_px"].as_f64().unwrap();
+    assert!(measured.stdout.contains(&format!("MTF50 {mtf50:.4} cycles/px")), "{}", measured.stdout);
+    assert!(edge["a"]["figures"]["mtf50_cy_px"].as_f64().is_none_or(|sharp| sharp > mtf50), "{}", ran.stdout);
+    // The files of an earlier comparison that this one lacks are removed.
+    compare(&a, &a, &at("edge"), &["--overwrite"]).ok();
+    assert!(!at("edge/mtf.csv").exists() && json(&at("edge"))["bands"][0]["difference_rms"] == 0.0);
+    for (a, b, flags, words) in [
+        (&a, &uniform(0.5, "400"), &[][..], &["no band of one is in the other"][..]),
+        (&a, &a.replace("size=90", "size=91"), &[], &["same pixels", "90x90 px", "91x91 px"]),
+        (&a, &a.replace("pitch_um=2", "pitch_um=3"), &[], &["same pixels", "of 3 µm"]),
+        (&a, &a, &["--patch", "1,1,5,5"], &["--patch", "raws"]),
+        (&a, &a, &["--edge", "10,10,60,60"], &["--edge 10,10,60,60"]),
+    ] {
+        assert_exit(&compare(a, b, &at("never"), flags), USAGE, words);
+    }
+    assert!(!at("never").exists());
+}
+
+#[test]
+fn raw_and_film_are_not_compared() {
+    let place = Place::new();
+    let film = place.at("some.film");
+    crate::common::run("gen:uniform?size=64&pitch_um=2&wavelengths=450,550,650", &film, LENS, &[]).ok();
+    let raw = place.raw("a.zarr", &film, &["--sensor", "example-2um", "--exposure", "5ms"]);
+    let ran = lenscube(&["compare", text(&film), text(&raw), "--out", text(&place.at("out"))]);
+    assert_exit(&ran, USAGE, &["a.zarr is a raw", "some.film is none"]);
+}
