@@ -6,8 +6,9 @@ use clap::{Args, Subcommand};
 use pipeline::bounds;
 use pipeline::colour::Illuminant;
 use pipeline::geometry::{Rect, Size};
-use pipeline::sensor::NoiseSet;
+use pipeline::sensor::figures::Over;
 use pipeline::sensor::pixels::Resample;
+use pipeline::sensor::{NoiseFigures, NoiseSet};
 use std::path::PathBuf;
 
 /// `lenscube sensor FILM RAW.zarr …`, or one of its subcommands.
@@ -118,11 +119,16 @@ pub struct ExposeArgs {
     /// Gain as ISO over the sensor's base ISO
     #[arg(long, value_parser = positive, help_heading = "Exposure")]
     pub iso: Option<f64>,
-    /// Seed of the noise of each frame: shot, read, reset, converter, rows
-    #[arg(long, default_value_t = 1, help_heading = "Noise")]
+    /// Seed of the noise of each frame
+    #[arg(long, help = format!("Seed of the noise of each frame: shot, {}", noises_over(Over::Frames)), default_value_t = 1, help_heading = "Noise")]
     pub seed: u64,
-    /// Seed of the noise of the sensor itself: PRNU, DSNU, dark current, columns; the same in every frame
-    #[arg(long, default_value_t = 1, help_heading = "Noise")]
+    /// Seed of the noise of the sensor itself
+    #[arg(
+        long,
+        help = format!("Seed of the noise of the sensor itself: {}; the same in every frame", noises_over(Over::Die)),
+        default_value_t = 1,
+        help_heading = "Noise"
+    )]
     pub die: u64,
     /// all, none, or some of shot,dark,read,reset,adc,dsnu,prnu,column,row
     #[arg(long, default_value_t = NoiseSet::ALL, help_heading = "Noise")]
@@ -228,6 +234,12 @@ pub enum SizeArg {
     Native,
     /// Rows and columns.
     Px(Size),
+}
+
+/// The noises that differ over `over`, as texts name them.
+fn noises_over(over: Over) -> String {
+    let rows = NoiseFigures::TABLE.iter().filter(|row| row.over == over);
+    rows.map(|row| row.label).collect::<Vec<_>>().join(", ")
 }
 
 fn sensor_size(text: &str) -> Result<SizeArg, String> {
