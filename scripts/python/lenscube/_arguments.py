@@ -94,7 +94,9 @@ def _text(value: Any, separator: str) -> str:
     if isinstance(value, bool):
         raise TypeError(f"expected a value, found {value}")
     if isinstance(value, slice):
-        return ":".join(_text(v, "") for v in (value.start, value.stop, value.step) if v is not None)
+        # An open end stays empty: `450:` is all from 450 nm, `450` one band.
+        ends = (value.start, value.stop) if value.step is None else (value.start, value.stop, value.step)
+        return ":".join("" if v is None else _text(v, "") for v in ends)
     if _is_list(value) and separator:
         # Positions ((x, y), (x, y)) are separated by `;`.
         nested = any(_is_list(v) for v in value)

@@ -23,7 +23,7 @@ if TYPE_CHECKING:
     import xarray
 
 # Samples that the program reads.
-DTYPES = ("u1", "u2", "f2", "f4", "f8")
+DTYPES = ("u1", "u2", "u4", "i2", "i4", "f2", "f4", "f8")
 SLAB_BYTES = 64 << 20
 SPECTRAL = ("wavelength", "wavelengths", "wavelength_nm", "wave", "wl", "lambda", "band", "bands", "channel", "channels", "spectral")
 ROWS = ("y", "row", "rows", "line", "lines", "height")
@@ -128,7 +128,7 @@ def standard(chart: Any, axes: str | None) -> "xarray.DataArray":
     elif axes:
         chart = chart.rename(dict(zip(chart.dims, (n.strip() for n in axes.split(",")), strict=True)))
     if chart.dtype.str[1:] not in DTYPES:
-        raise TypeError(f"samples of type {chart.dtype}: expected u1, u2, f2, f4 or f8, e.g. chart.astype('float32')")
+        raise TypeError(f"samples of type {chart.dtype}: expected {', '.join(DTYPES)}, e.g. chart.astype('float32')")
     if chart.ndim == 2:
         chart = chart.expand_dims("wavelength")
     if chart.ndim != 3:

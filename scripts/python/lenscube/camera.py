@@ -59,7 +59,7 @@ def shoot(chart: Chart, out: PathLike | None = None, *, temp_dir: PathLike | Non
 
 
 def compare(first: Any, second: Any, out: PathLike, **flags: "Unpack[f.Compare]") -> dict[str, Any]:
-    """Compares two raws, e.g. of two lenses under one seed: difference, SNR, MTF, colours. Writes report.html, figures and tables into the folder
-    `out`; returns its figures."""
-    execute(arguments(("compare",), [_films.path_of(first, "raw"), _films.path_of(second, "raw")], {**flags, "out": out}))
+    """Compares two raws, e.g. of two lenses under one seed: difference, SNR, MTF, colours; or two films: difference and MTF of each band. Writes
+    report.html, figures and tables into the folder `out`; returns its figures."""
+    execute(arguments(("compare",), [_films.path_of(first, "raw or film"), _films.path_of(second, "raw or film")], {**flags, "out": out}))
     return json.loads((Path(out) / "compare.json").read_text())

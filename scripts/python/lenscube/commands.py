@@ -59,7 +59,7 @@ def run(
 
     chart: a path (Zarr, HDF5, NetCDF-4, .mat, .npy, ENVI, TIFF, pictures), "gen:KIND?…", or a cube in memory: a DataArray with the
         dimensions wavelength, y and x in any order, or an array (wavelength, y, x), other orders with axes="y,x,wavelength". Samples u1, u2,
-        f2, f4 or f8. A DataArray gives its wavelengths [nm, or as the attribute `units` says] by its coordinate, and the film pitch by its
+        u4, i2, i4, f2, f4 or f8. A DataArray gives its wavelengths [nm, or as the attribute `units` says] by its coordinate, and the film pitch by its
         attribute `pitch_um` or evenly spaced coordinates x and y with a unit of length; else `wavelengths` [nm] and `film_pitch_um` do.
         Its attribute `units` is that of the film (`chart_units`); `scale_factor`, `add_offset`, `_FillValue`, `missing_value` and the valid
         range apply as in a store (xarray has applied those of a store that it opened with `decode_cf`).

@@ -20,6 +20,9 @@ def test_values_are_written_as_flags():
     assert flags(lens="a b", film_pitch_um=numpy.float32(0.5), threads=numpy.int64(3)) == ["--lens=a b", "--film-pitch-um=0.5", "--threads=3"]
     assert flags(overwrite=True, force=False, memory=None) == ["--overwrite"]
     assert flags(bands=slice(450, 650), wavelengths=slice(400, 700, 10)) == ["--bands=450:650", "--wavelengths=400:700:10"]
+    # Open ends stay open: "450" alone would be one band.
+    assert flags(bands=slice(450, None)) == ["--bands=450:"] and flags(bands=slice(None, 550)) == ["--bands=:550"]
+    assert flags(bands=slice(None, None, 2)) == ["--bands=::2"]
     assert flags(wavelengths=numpy.arange(400, 421, 10)) == ["--wavelengths=400,410,420"]
     assert flags(film_size=(480, 640), center=(-0.5, 1)) == ["--film-size=480x640", "--center=-0.5,1"]
     assert flags(roi=(0, 1, 2, 3)) == ["--roi=0,1,2,3"]

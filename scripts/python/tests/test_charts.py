@@ -38,6 +38,15 @@ def test_every_order_and_kind_of_array_is_written_as_the_same_file(cube, tmp_pat
     assert other != stored
 
 
+@pytest.mark.parametrize("dtype", ["u1", "u2", "u4", "i2", "i4"])
+def test_integers_are_read_as_those_of_a_file(cube, tmp_path, dtype):
+    integers = (100 * cube).astype(dtype)
+    numpy.save(tmp_path / "cube.npy", integers.values)
+    made = lenscube.run(integers, **FLAGS)
+    stored = lenscube.run(tmp_path / "cube.npy", wavelengths=NM, film_pitch_um=5, **FLAGS)
+    assert (made.film.values == stored.film.values).all() and made.film.values.max() > 10
+
+
 def test_axes_name_those_of_an_array(cube):
     moved = numpy.moveaxis(cube.values, 0, 2)
     assert (_charts.standard(moved, "y,x,wavelength").values == cube.values).all()
@@ -80,7 +89,7 @@ def test_wavelengths_and_pitch_come_from_coordinates(cube):
 
 def test_what_is_no_chart_is_a_type_error(cube):
     for wrong, text in [
-        (cube.astype("i4"), "astype"),
+        (cube.astype("i8"), "u4, i2, i4, f2, .*astype"),
         (cube.rename(x="z"), "is x"),
         (cube.values[0, 0], "1 axes"),
         ([[1, 2], [3, 4]], "list"),
