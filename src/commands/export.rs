@@ -235,13 +235,18 @@ fn picture(args: &ExportArgs, file: ColourFile, cancel: &'static AtomicBool) -> 
     Ok(())
 }
 
+/// Nine significant digits: films in physical units have exposures of any size.
+fn exposure_text(exposure: f64) -> String {
+    let rounded: f64 = format!("{exposure:.8e}").parse().unwrap_or(exposure);
+    if (1e-4..1e9).contains(&rounded) { rounded.to_string() } else { format!("{rounded:e}") }
+}
+
 fn print_summary(out: &Path, shown: &PictureSummary) {
+    let exposure = exposure_text(shown.exposure);
     log_line(format!(
-        "{}: {} px, exposure {:.6} (use `--exposure {:.6}` for a comparable picture)",
+        "{}: {} px, exposure {exposure} (use `--exposure {exposure}` for a comparable picture)",
         out.display(),
         shown.size,
-        shown.exposure,
-        shown.exposure
     ));
     if shown.missing_samples > 0 {
         log_line(format!(

@@ -63,7 +63,7 @@ fn distances_without_a_lens_for_them_and_flags_without_distances_are_errors() {
     assert_exit(&try_run(flat, "phone", &["--gap", "99=1"]), 2, &["--gap 99=1", "gaps behind surfaces 1 to"]);
     assert_exit(&try_run(flat, "phone", &["--focus-m", "0"]), 2, &["expected a distance in m"]);
     let wide = try_run(&scene, "double-gauss-28", &[]);
-    assert_exit(&wide, 2, &["m is blurred to a radius of 3.", "in focus at inf m", "--focus-m"]);
+    assert_exit(&wide, 2, &["m is blurred to a radius of 3.", "in focus at infinity", "--focus-m"]);
     let behind = "gen:depth-scene?size=20&near_m=0.05&wavelengths=550";
     let behind = try_run(behind, "double-gauss-28", &["--focus-m", "0.5"]);
     assert_exit(&behind, 1, &["the nearest surface, at 0.05 m", "in front of the first surface"]);

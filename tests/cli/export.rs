@@ -220,6 +220,39 @@ fn invalid_pictures_and_flags_are_rejected() {
     assert!(lenscube(&["chart", "unifrom", text(&drawn)]).stderr.contains("uniform"));
 }
 
+/// Films in photons or W/m² have exposures far from 1: the printed flag makes the same picture.
+#[test]
+fn printed_exposure_makes_the_same_picture() {
+    let (dir, path, _) = chart(3);
+    let at = |name: &str| dir.path().join(name);
+    let scaled = at("scaled.npy");
+    lenscube(&["export", text(&path), text(&scaled)]).ok();
+    let mut bytes = std::fs::read(&scaled).unwrap();
+    // The samples follow the header, whose length is in its bytes 8 and 9.
+    let first = 10 + usize::from(u16::from_le_bytes([bytes[8], bytes[9]]));
+    for v in bytes[first..].as_chunks_mut::<4>().0 {
+        *v = (f32::from_le_bytes(*v) * 1e16).to_le_bytes();
+    }
+    std::fs::write(&scaled, bytes).unwrap();
+    let export = |name: &str, flags: &[&str]| {
+        let out = at(name);
+        let words =
+            ["export", text(&scaled), text(&out), "--wavelengths", "450,550,650", "--axes", "wavelength,y,x"];
+        lenscube(&[&words[..], flags].concat()).ok().stderr
+    };
+    let told = export("auto.png", &[]);
+    let exposure = told.split("--exposure ").nth(1).and_then(|t| t.split('`').next()).unwrap();
+    assert!(exposure.ends_with("e-16") || exposure.ends_with("e-17"), "{told}");
+    export("given.png", &["--exposure", exposure]);
+    // The comments differ, in the digits of the exposure.
+    let pixels = |name: &str| {
+        let png = std::fs::read(at(name)).unwrap();
+        let data = png.windows(4).position(|w| w == b"IDAT").unwrap();
+        png[data..].to_vec()
+    };
+    assert!(pixels("auto.png") == pixels("given.png"));
+}
+
 #[test]
 fn dash_writes_the_bytes_of_the_file_to_standard_output() {
     let (dir, path, _) = chart(2);

@@ -133,7 +133,7 @@ pub enum ChartError {
     },
     /// NaN or infinity.
     #[error(
-        "reading chart {path}: {value} at band {band}, row {row}, column {column}; --nan zero reads such pixels as 0 and counts them"
+        "reading chart {path}: {value} at band {band}, row {row}, column {column}; `lenscube run --nan zero` reads such pixels as 0 and counts them"
     )]
     NotFinite {
         /// The array.
@@ -149,7 +149,7 @@ pub enum ChartError {
     },
     /// A sample that the chart declares as no data.
     #[error(
-        "reading chart {path}: no data at band {band}, row {row}, column {column}: the sample {value} is a declared fill value or outside the declared valid range; --nan zero reads such pixels as 0 and counts them"
+        "reading chart {path}: no data at band {band}, row {row}, column {column}: the sample {value} is a declared fill value or outside the declared valid range; `lenscube run --nan zero` reads such pixels as 0 and counts them"
     )]
     NoData {
         /// The array.
@@ -165,7 +165,7 @@ pub enum ChartError {
     },
     /// A value so large that sums over a tile may overflow.
     #[error(
-        "reading chart {path}: {value:e} at band {band}, row {row}, column {column}: expected at most {largest:e} in magnitude, so that 32-bit sums do not overflow; if it stands for no data, declare it (attribute _FillValue, ENVI `data ignore value`) and add --nan zero, else correct the chart"
+        "reading chart {path}: {value:e} at band {band}, row {row}, column {column}: expected at most {largest:e} in magnitude, so that 32-bit sums do not overflow; if it stands for no data, declare it (attribute _FillValue, ENVI `data ignore value`) and give `lenscube run --nan zero`, else correct the chart"
     )]
     TooLarge {
         /// The array.
@@ -183,7 +183,7 @@ pub enum ChartError {
     },
     /// A missing chunk whose fill value stands for no data.
     #[error(
-        "reading chart {path}, band {band}, {region}: the chunk is missing and the fill value {fill} stands for no data; complete the chart, or --nan zero reads it as 0"
+        "reading chart {path}, band {band}, {region}: the chunk is missing and the fill value {fill} stands for no data; complete the chart, or `lenscube run --nan zero` reads it as 0"
     )]
     MissingChunk {
         /// The missing file, or the one without the inner chunk.

@@ -2,6 +2,7 @@
 
 use super::tracing_job::{TracedFor, TracingJob};
 use crate::failure::usage;
+use crate::progress::short_number;
 use anyhow::{Context, Result};
 use pipeline::design::depth::estimate::{half_window_px, range_that_fits};
 use pipeline::design::depth::trace::header;
@@ -18,14 +19,19 @@ pub(super) fn check_blur(job: &TracingJob<'_>, depth: &TracedFor<'_>, trace: &Tr
     }
     let worst = if near > fits.1 { near } else { far };
     let blur_mm = 1e-3 * header(system, &options)?.blur_per_dioptre_um * (worst - options.focus).abs();
-    let farthest = if fits.0 > 0.0 { format!("{:.4} m", 1.0 / fits.0) } else { "infinity".to_owned() };
+    let at = |vergence: f64| match vergence > 0.0 {
+        true => format!("{} m", short_number(1.0 / vergence)),
+        false => "infinity".to_owned(),
+    };
     Err(usage(format!(
-        "a surface at {:.4} m is blurred to a radius of {blur_mm:.3} mm by {}, in focus at {} m; PSFs on this film hold surfaces from {:.4} m \
-         to {farthest}: choose a focus nearer to the scene (--focus-m), a scene of a shorter range of distances, or a lens with a smaller aperture",
-        1.0 / worst,
+        "a surface at {} is blurred to a radius of {} mm by {}, in focus at {}; PSFs on this film hold surfaces from {} to {}: choose a \
+         focus nearer to the scene (--focus-m), a scene of a shorter range of distances, or a lens with a smaller aperture",
+        at(worst),
+        short_number(blur_mm),
         job.name,
-        1.0 / options.focus,
-        1.0 / fits.1,
+        at(options.focus),
+        at(fits.1),
+        at(fits.0),
     )))
 }
 

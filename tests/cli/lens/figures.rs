@@ -126,6 +126,18 @@ fn design_with_field_points_on_the_axis_alone_has_the_figures_of_the_axis() {
 }
 
 #[test]
+fn psf_prints_the_notes_of_its_design_and_names_the_ending_of_sections() {
+    let dir = tempfile::tempdir().unwrap();
+    let design = dir.path().join("my.zmx");
+    fs::write(&design, format!("QQQQ 1\n{DESIGN}")).unwrap();
+    let words = ["lens", "psf", text(&design), "--size", "9"];
+    let ran = lenscube(&words).ok();
+    assert!(ran.stderr.contains("note: ") && ran.stderr.contains("QQQQ"), "{}", ran.stderr);
+    let wrong = lenscube(&[&words[..], &["--sections", "GLASS.AGF"]].concat());
+    assert_exit(&wrong, USAGE, &["--sections must end in .csv"]);
+}
+
+#[test]
 fn psf_of_a_field_point_is_rotated_normalised_and_integrated() {
     let dir = tempfile::tempdir().unwrap();
     let psf = |name: &str, flags: &[&str]| {

@@ -6,6 +6,7 @@ use crate::args::TableName;
 use crate::failure::usage;
 use crate::job::lens::samples::LensData;
 use anyhow::Result;
+use pipeline::bounds::DEFOCUS_MM;
 use pipeline::design::System;
 use pipeline::design::field_psf::field_psf;
 use pipeline::design::ray::Tracer;
@@ -164,8 +165,10 @@ pub fn through_focus(name: TableName, system: &System, request: &Request<'_>) ->
 fn positions(text: &str) -> Result<Vec<f64>> {
     let bad = |why: String| usage(format!("--focus-mm {text}: {why}"));
     let number = |t: &str| {
-        let v = t.trim().parse::<f64>().ok().filter(|v| v.is_finite());
-        v.ok_or_else(|| bad(format!("`{t}` is not a position in mm")))
+        let v = t.trim().parse::<f64>().ok().filter(|v| DEFOCUS_MM.contains(*v));
+        v.ok_or_else(|| {
+            bad(format!("`{t}` is not a position from {} to {} mm", DEFOCUS_MM.min, DEFOCUS_MM.max))
+        })
     };
     let parts: Vec<&str> = text.split(':').collect();
     let [first, last, step] = parts[..] else { return text.split(',').map(number).collect() };
@@ -184,7 +187,7 @@ mod tests {
     fn film_positions_are_ranges_or_lists() {
         assert_eq!(positions("-0.1:0.1:0.1").unwrap(), [-0.1, 0.0, 0.1]);
         assert_eq!(positions("0.2,-1").unwrap(), [0.2, -1.0]);
-        for text in ["", "a", "0:1:0", "1:0:0.1", "0:1e9:1", "inf"] {
+        for text in ["", "a", "0:1:0", "1:0:0.1", "0:1e4:1", "inf", "1e300", "0:1e300:1e299"] {
             let error = positions(text).unwrap_err().to_string();
             assert!(error.contains("--focus-mm"), "{error}");
         }
