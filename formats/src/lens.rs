@@ -49,6 +49,17 @@
 //! | `pupil_segment/<band index>` | (S, 8) | | of each segment: index of its height, rings, spokes, first and last angle in rad, index of the surface that limits it or −1, its centre on the meridian, 1 or −1 if an obscuration hides it |
 //! | `pupil/<band index>` | (S, 5, P) | | at rings × spokes Chebyshev points (then NaN): W in µm, L, M, √(Φ J / N) · B², Φ / N · B² |
 //!
+//! # Tails
+//!
+//! A pack whose attribute `extras` lists `tail` has the light of its PSFs beyond their windows ([`pipeline::lens::tail`]); the windows then keep
+//! their share of the light in films (`psf_energy`). H heights:
+//!
+//! | array | shape | unit | contents |
+//! |---|---|---|---|
+//! | `tail/inner_radius` | (B) | mm | R, half a side of the PSF window; NaN: this band has no tail |
+//! | `tail/height` | (B, H) | mm | real image heights, ascending from 0 |
+//! | `tail/coefficient` | (B, H, 5, 2) | mm, mm³ | c_mj of harmonic m and term j |
+//!
 //! # Values
 //!
 //! Tables are float32, float64 or of an integer type, PSFs float32 or float64. A band with fewer field points or heights than the widest ends its rows
@@ -64,6 +75,7 @@
 //! | `distortion_focal_length_mm`, `effective_focal_length_mm` | > 0 |
 //! | `f_number`, `primary_wavelength_nm` | > 0 |
 //! | `psf_sample` | `point`: point samples; `integrated`: each sample integrated over the pitch |
+//! | `extras` | names of optional groups that change films: `tail`; others are an error |
 //! | `name` | default: the file's name |
 //! | `object_distance_mm` | null, missing or `Infinity`: at infinity |
 //! | `magnification` | default 0 |

@@ -18,6 +18,7 @@ use crate::psf::kernel::NodeKernels;
 use crate::psf::kernel::on_demand::PsfReader;
 use crate::remap::Remap;
 use crate::stage::Stage;
+use crate::tails::TailPlan;
 use crate::tiling::Tiling;
 
 /// Wavelengths closer than this are the same, nm.
@@ -64,6 +65,7 @@ impl LensBands {
 /// #     wavelength_nm: 550.0, ideal_height_mm: heights.clone(), image_height_mm: heights.clone(), relative_illumination: vec![1.0, 0.9],
 /// #     psf_height_mm: heights, azimuth_count: vec![1, 4], psf_size: 9, psf_pitch_um: 2.0, psf_energy: vec![1.0, 1.0],
 /// #     solid_angle_sr: 0.1, transmission: 1.0,
+/// #     tail: None,
 /// # };
 /// # let lens = Lens {
 /// #     name: "ideal".into(), distortion_focal_length_mm: 50.0, effective_focal_length_mm: 50.0, f_number: 2.8, primary_wavelength_nm: 550.0,
@@ -105,6 +107,8 @@ pub struct BandPlan {
     pub node: Option<usize>,
     /// Its depth stage, which replaces the others, for surfaces at several distances.
     pub depth: Option<DepthPlan>,
+    /// The tails of its PSFs, if they are on the film ([`BandPlan::add_tail`]).
+    pub tail: Option<TailPlan>,
 }
 
 /// The stages of one band.
@@ -153,7 +157,15 @@ impl BandPlan {
         if options.stages.has(Stage::Ri) || options.stages.has(Stage::Distortion) {
             check("image_height table", &tables.image_height_mm)?;
         }
-        Ok(Self { lens_bands, lens: tables, grid, blocks, tiling, node: None, depth: None })
+        Ok(Self { lens_bands, lens: tables, grid, blocks, tiling, node: None, depth: None, tail: None })
+    }
+
+    /// Puts the tails of its PSFs on the film, if the lens has them and the film has the PSF stage: kernels then keep their share of the light, and the rest is
+    /// a layer. Whether it has them.
+    pub fn add_tail(&mut self, frame: &Frame, options: &Options) -> bool {
+        let is_plain = self.grid.is_some() && options.psf_window.is_none();
+        self.tail = if is_plain { TailPlan::new(frame, &self.lens) } else { None };
+        self.tail.is_some()
     }
 
     /// Plans the band at `wavelength_nm` for `surfaces`. A flat chart at a depth node of the lens is planned as by
@@ -207,7 +219,16 @@ impl BandPlan {
         check("image_height table", tables.image_height_mm[tables.image_height_mm.len() - 1])?;
         let tiling = Tiling::new(frame.film, None);
         let lens = tables.clone();
-        Ok(Self { lens_bands, lens, grid: None, blocks: None, tiling, node: None, depth: Some(plan) })
+        Ok(Self {
+            lens_bands,
+            lens,
+            grid: None,
+            blocks: None,
+            tiling,
+            node: None,
+            depth: Some(plan),
+            tail: None,
+        })
     }
 
     /// The stages of this band, the `position`-th of the job. `stack` reads the PSFs of a lens band, only if the PSF stage is enabled;
@@ -231,7 +252,10 @@ impl BandPlan {
                 if let Some((second, share)) = self.lens_bands.second {
                     samples = interpolate_psfs(&samples, &stack(second)?, share);
                 }
-                let kernels = NodeKernels::new(&samples, frame.pitch_um, options.psf_window, options.simd);
+                let kernels = match &self.tail {
+                    Some(tail) => tail.near_kernels(&samples, &self.lens, options.simd),
+                    None => NodeKernels::new(&samples, frame.pitch_um, options.psf_window, options.simd),
+                };
                 Some(BandPsf::new(position, grid.clone(), kernels, options.simd))
             }
         };
@@ -310,6 +334,8 @@ fn tables(
         psf_energy: mix_all(&first.psf_energy, &second.psf_energy),
         solid_angle_sr: mix(first.solid_angle_sr, second.solid_angle_sr),
         transmission: mix(first.transmission, second.transmission),
+        // Windows of two bands have no tail in common.
+        tail: None,
     })
 }
 

@@ -230,6 +230,7 @@ mod tests {
             psf_energy: vec![1.0, 1.0],
             solid_angle_sr: 0.1,
             transmission: 1.0,
+            tail: None,
         }
     }
 

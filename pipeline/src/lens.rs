@@ -10,9 +10,11 @@
 //! The PSF stack of one band may be large (traced: 60 MB), so stacks are read separately, band by band.
 
 pub mod depth;
+pub mod tail;
 
 use crate::bounds::{self, Bound, OutOfBounds};
 use depth::LensDepth;
+use tail::BandTail;
 use thiserror::Error;
 
 /// Meaning of one PSF sample.
@@ -33,6 +35,7 @@ pub enum PsfSample {
 /// #     wavelength_nm: 550.0, ideal_height_mm: heights.clone(), image_height_mm: heights.clone(), relative_illumination: vec![1.0, 0.9],
 /// #     psf_height_mm: heights, azimuth_count: vec![1, 4], psf_size: 9, psf_pitch_um: 2.0, psf_energy: vec![1.0, 1.0],
 /// #     solid_angle_sr: 0.1, transmission: 1.0,
+/// #     tail: None,
 /// # };
 /// # let lens = Lens {
 /// #     name: "ideal".into(), distortion_focal_length_mm: 50.0, effective_focal_length_mm: 50.0, f_number: 2.8, primary_wavelength_nm: 550.0,
@@ -112,6 +115,8 @@ pub struct LensBand {
     pub solid_angle_sr: f64,
     /// Lens transmission, 1 if unknown.
     pub transmission: f64,
+    /// Light of the PSFs beyond their windows, if known: films then hold it, and kernels are not scaled to sum 1.
+    pub tail: Option<BandTail>,
 }
 
 /// PSF samples of one band: K windows of n × n, each of sum 1, chief ray at the centre sample.
@@ -299,7 +304,8 @@ impl LensBand {
         one("psf_pitch", bounds::PITCH_UM, self.psf_pitch_um)?;
         all("psf_energy", bounds::PSF_ENERGY, &self.psf_energy)?;
         one("solid_angle", bounds::SOLID_ANGLE_SR, self.solid_angle_sr)?;
-        one("transmission", bounds::TRANSMISSION, self.transmission)
+        one("transmission", bounds::TRANSMISSION, self.transmission)?;
+        self.tail.as_ref().map_or(Ok(()), |tail| tail.check(self.wavelength_nm))
     }
 }
 

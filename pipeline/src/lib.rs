@@ -108,6 +108,7 @@ pub mod sensor;
 pub mod simd;
 pub mod stage;
 pub mod stages;
+pub mod tails;
 pub mod tiling;
 pub mod veil;
 pub mod wavelengths;

@@ -148,6 +148,7 @@ mod tests {
             psf_energy: vec![1.0; 2],
             solid_angle_sr: 0.1,
             transmission: 1.0,
+            tail: None,
         }
     }
 

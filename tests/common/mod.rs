@@ -207,6 +207,7 @@ pub fn identity_band(wavelength_nm: f64, reach_mm: f64, size: usize) -> LensBand
         psf_energy: vec![1.0; 4],
         solid_angle_sr: 0.1,
         transmission: 1.0,
+        tail: None,
     }
 }
 

@@ -280,6 +280,7 @@ fn dense_tables(
         psf_energy: energy,
         solid_angle_sr,
         transmission: 1.0,
+        tail: None,
     };
     Ok((dense, error))
 }

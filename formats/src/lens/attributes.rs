@@ -13,6 +13,17 @@ pub const DEPTH_SCHEMA: &str = "lenscube/lens-pack/2";
 /// Schema of a pack with one object distance and pupil functions in place of PSFs.
 pub const PUPIL_SCHEMA: &str = "lenscube/lens-pack/3";
 
+/// Attribute with the names of optional groups that change pixels.
+pub(super) const EXTRAS: &str = "extras";
+/// The optional group of tails.
+pub(super) const TAIL: &str = "tail";
+
+/// Optional groups of a pack.
+pub(super) struct Extras {
+    /// Tails of the PSFs.
+    pub(super) has_tail: bool,
+}
+
 /// Descriptive attributes of a pack: printed, not used in any calculation.
 #[derive(Clone, Debug, Default, PartialEq)]
 pub struct PackAttributes {
@@ -90,6 +101,24 @@ impl<'a> Attributes<'a> {
     pub(super) fn out_of_bounds(&self, name: &'static str, e: &OutOfBounds) -> LensPackError {
         let problem = format!("is out of bounds: {e}");
         LensPackError::Attribute { path: self.store.path.clone(), name, problem }
+    }
+
+    /// The optional groups; an unknown one is an error, since it changes pixels.
+    pub(super) fn extras(&self) -> Result<Extras, LensPackError> {
+        let mut extras = Extras { has_tail: false };
+        let expected = "a list of names of optional groups: \"tail\"";
+        let names = match self.map.get(EXTRAS) {
+            None | Some(Value::Null) => return Ok(extras),
+            Some(Value::Array(names)) => names,
+            Some(_) => return Err(self.invalid(EXTRAS, expected)),
+        };
+        for name in names {
+            match name.as_str() {
+                Some(TAIL) => extras.has_tail = true,
+                _ => return Err(self.invalid(EXTRAS, expected)),
+            }
+        }
+        Ok(extras)
     }
 
     /// Any JSON value.

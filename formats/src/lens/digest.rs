@@ -7,6 +7,7 @@
 //! With depth nodes: of each band its head and tables, then per node vergence, tables and PSFs; of the lens the digests of its bands.
 //! Values are hashed as the pipeline uses them (PSFs in f32, normalised), so the digest does not depend on their storage. Pupil functions in place
 //! of PSFs are hashed themselves (version of the tracer, segments, values: f64), so they have another digest than the PSFs they give.
+//! A band with a tail has a section more: heights, radius and coefficients (f64).
 
 use super::stored::Stored;
 use pipeline::design::pupil_stack::PupilStack;
@@ -107,6 +108,17 @@ fn add_band(h: &mut blake3::Hasher, band: &LensBand, stack: &PsfStack) {
         let bytes: Vec<u8> = samples.iter().flat_map(|v| v.to_le_bytes()).collect();
         h.update(&bytes);
     }
+    add_tail(h, band);
+}
+
+/// The section of a band's tail, only if it has one.
+fn add_tail(h: &mut blake3::Hasher, band: &LensBand) {
+    let Some(tail) = &band.tail else { return };
+    h.update(b"tail\n");
+    add_counts(h, &[tail.height_mm.len()]);
+    add_f64(h, &[tail.inner_mm]);
+    add_f64(h, &tail.height_mm);
+    tail.coefficients.iter().flatten().for_each(|terms| add_f64(h, terms));
 }
 
 fn add_stored(h: &mut blake3::Hasher, band: &LensBand, stored: &Stored) {
@@ -123,6 +135,7 @@ fn add_pupils(h: &mut blake3::Hasher, band: &LensBand, pupils: &PupilStack) {
     add_counts(h, &[TRACER_VERSION as usize, segments.len(), values.len()]);
     segments.iter().for_each(|numbers| add_f64(h, numbers));
     add_f64(h, &values);
+    add_tail(h, band);
 }
 
 fn add_tables(h: &mut blake3::Hasher, band: &LensBand) {

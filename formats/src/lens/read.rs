@@ -6,6 +6,7 @@
 mod depth;
 mod psfs;
 mod pupils;
+mod tail;
 
 use super::array::PackArray;
 use super::attributes::{Attributes, PackAttributes};
@@ -61,6 +62,10 @@ pub(super) fn tables(store: &PackStore, notes: &mut Vec<String>) -> Result<Table
         1.0
     })?;
     let sample = head.sample()?;
+    let mut tails = match head.extras()?.has_tail {
+        true => tail::read(&tables)?,
+        false => vec![None; bands],
+    };
     let (mut lens_bands, mut reading_bytes) = (Vec::with_capacity(bands), Vec::with_capacity(bands));
     for b in 0..bands {
         let mut band = LensBand {
@@ -75,6 +80,7 @@ pub(super) fn tables(store: &PackStore, notes: &mut Vec<String>) -> Result<Table
             solid_angle_sr: solid_angle[b],
             transmission: transmission[b],
             psf_height_mm: Vec::new(),
+            tail: tails[b].take(),
         };
         if let Some(psfs) = &flat_psfs {
             reading_bytes.push(psfs.fill(b, &mut band)?);

@@ -5,8 +5,9 @@
 
 mod depth;
 mod pupils;
+mod tail;
 
-use super::attributes::{DEPTH_SCHEMA, PUPIL_SCHEMA, PackAttributes, SCHEMA};
+use super::attributes::{DEPTH_SCHEMA, EXTRAS, PUPIL_SCHEMA, PackAttributes, SCHEMA, TAIL};
 use super::error::LensPackError;
 use super::read::SUM_TOLERANCE;
 use super::sink::Sink;
@@ -138,6 +139,11 @@ impl LensPackWriter {
         if self.has_pupils {
             self.column("psf_size", "1", bands, |b| b.psf_size as f64)?;
             root["attributes"]["schema"] = json!(PUPIL_SCHEMA);
+        }
+        if bands.iter().any(|b| b.tail.is_some()) {
+            self.tails(bands)?;
+            self.json("tail/zarr.json", &group)?;
+            root["attributes"][EXTRAS] = json!([TAIL]);
         }
         self.json("zarr.json", &root)?;
         self.sink.finish()

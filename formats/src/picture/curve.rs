@@ -103,6 +103,7 @@ mod tests {
             psf_energy: vec![1.0; 2],
             solid_angle_sr: 0.1,
             transmission: 1.0,
+            tail: None,
         };
         Lens {
             name: "Test lens, 30 mm".into(),

@@ -28,6 +28,7 @@ fn small_lens() -> Lens {
         psf_energy: (0..k).map(|i| 0.99 - 0.01 * i as f64).collect(),
         solid_angle_sr: 0.088,
         transmission: 0.9,
+        tail: None,
     };
     Lens {
         name: "small".into(),

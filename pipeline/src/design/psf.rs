@@ -6,6 +6,7 @@ mod fourier;
 pub(super) mod huygens;
 pub mod nufft;
 pub mod pupil_stack;
+pub(super) mod tails;
 mod wavelets;
 
 pub use super::pupil::function::PupilFunction;

@@ -208,6 +208,7 @@ fn shading_divides_by_lens_and_flat() {
         psf_energy: vec![1.0],
         solid_angle_sr: 0.1,
         transmission: 1.0,
+        tail: None,
     };
     let lens = crate::lens::Lens {
         name: "cone".into(),

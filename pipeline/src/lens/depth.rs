@@ -96,6 +96,8 @@ impl BandDepth {
             relative_illumination: std::iter::zip(&band.relative_illumination, ratio)
                 .map(|(r, g)| r * g)
                 .collect(),
+            // Tails are those of one object distance.
+            tail: None,
             ..band.clone()
         };
         self.set_psfs(&mut tables, low);

@@ -23,6 +23,7 @@ mod symmetry;
 pub(super) use rotation::NEGLIGIBLE_SAMPLE;
 pub use symmetry::KernelSymmetry;
 
+use crate::lens::tail::{BandTail, value};
 use crate::lens::{PsfSample, PsfStack};
 use crate::psf::grid::{Node, NodeGrid};
 use crate::simd::Simd;
@@ -40,6 +41,8 @@ pub struct NodeKernels {
     energy: Vec<f64>,
     /// Whether all PSFs are symmetric about the meridian.
     mirrored: bool,
+    /// Sum of the kernels of each height; 1 if none.
+    shares: Option<Vec<f64>>,
 }
 
 /// The PSF of a height.
@@ -81,7 +84,22 @@ impl NodeKernels {
             heights: windows()
                 .map(|window| Height { window: Mutex::new(window.to_vec()), prepared: OnceLock::new() })
                 .collect(),
+            shares: None,
         }
+    }
+
+    /// The near kernels of `stack`, whose light beyond the windows is `tail`: p − T inside the window, p with its share `energy` of the light at each
+    /// height. `shares` are the sums of the kernels, all light less that of T on the film: they differ from the sums of p − T by what
+    /// sampling and the interpolation of T between heights leave (below 1e-3).
+    pub fn near(
+        stack: &PsfStack,
+        (tail, height_mm, energy): (&BandTail, &[f64], &[f64]),
+        shares: Vec<f64>,
+        film_pitch_um: f64,
+        simd: Simd,
+    ) -> Self {
+        let near = near_samples(stack, tail, height_mm, energy);
+        Self { shares: Some(shares), ..Self::new(&near, film_pitch_um, None, simd) }
     }
 
     /// Side of a kernel in film pixels, odd.
@@ -103,7 +121,9 @@ impl NodeKernels {
         let Height { window, prepared } = &self.heights[k];
         prepared.get_or_init(|| {
             let window = std::mem::take(&mut *window.lock().expect("no panic while held"));
-            self.resampler.prepare(&window, s)
+            let mut prepared = self.resampler.prepare(&window, s);
+            self.scale(k, &mut prepared.unrotated);
+            prepared
         })
     }
 
@@ -118,7 +138,16 @@ impl NodeKernels {
             return self.unrotated(base.k, s);
         }
         let coefficients = &self.prepared(base.k, s).coefficients;
-        self.resampler.rotate(coefficients, grid.azimuth_rad(base), s)
+        self.resampler.rotate(coefficients, grid.azimuth_rad(base), s);
+        self.scale(base.k, &mut s.base);
+        &s.base
+    }
+
+    /// Gives a kernel of height `k`, of sum 1, its share of the light.
+    fn scale(&self, k: usize, kernel: &mut [f32]) {
+        if let Some(shares) = &self.shares {
+            kernel.iter_mut().for_each(|v| *v = (f64::from(*v) * shares[k]) as f32);
+        }
     }
 
     /// Permutes `base`, the base kernel of `symmetry`, into `out` (size × size, row down).
@@ -140,6 +169,24 @@ impl NodeKernels {
             .map(|k| rotation_error(&self.prepared(k, &mut s).coefficients, self.resampler.samples()));
         errors.fold(0.0, f64::max)
     }
+}
+
+/// p − T at the samples of `stack`, as shares of all light.
+fn near_samples(stack: &PsfStack, tail: &BandTail, height_mm: &[f64], energy: &[f64]) -> PsfStack {
+    let n = stack.size;
+    let (pitch, half) = (1e-3 * stack.pitch_um, (n / 2) as f64);
+    let mut samples = Vec::with_capacity(stack.samples.len());
+    for (k, (h, energy)) in height_mm.iter().zip(energy).enumerate() {
+        let c = tail.at(*h);
+        for (y, row) in stack.window(k).chunks_exact(n).enumerate() {
+            let dy = (y as f64 - half) * pitch;
+            samples.extend(row.iter().enumerate().map(|(x, v)| {
+                let dx = (x as f64 - half) * pitch;
+                (f64::from(*v) * energy - value(&c, tail.inner_mm, dx, dy) * pitch * pitch) as f32
+            }));
+        }
+    }
+    PsfStack { size: n, pitch_um: stack.pitch_um, sample: stack.sample, samples }
 }
 
 /// Whether the PSF of `n` × `n` samples, with `light` in all, is its own mirror image about the meridian.

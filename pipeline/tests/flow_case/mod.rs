@@ -117,6 +117,7 @@ pub fn case(simd: Simd, noise: &mut Noise, film: Size, chart: Size, windows: &[u
             psf_energy: vec![1.0; 5],
             solid_angle_sr: 0.1,
             transmission: 1.0,
+            tail: None,
         });
     }
     let images = windows.iter().map(|_| {

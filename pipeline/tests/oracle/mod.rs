@@ -202,6 +202,7 @@ pub fn lens_band(real: Vec<f64>, paraxial: f64, bend: f64) -> LensBand {
         psf_energy: vec![1.0, 1.0],
         solid_angle_sr: 0.1,
         transmission: 1.0,
+        tail: None,
     }
 }
 

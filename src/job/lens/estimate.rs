@@ -120,6 +120,7 @@ fn tables(system: &System, nm: f64, reach_mm: f64) -> Result<LensBand> {
         psf_energy: Vec::new(),
         solid_angle_sr: 1.0,
         transmission: 1.0,
+        tail: None,
     })
 }
 

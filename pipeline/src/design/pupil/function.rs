@@ -253,6 +253,11 @@ impl PupilFunction {
         self.share(pitch_um) * (2.0 * amplitude) * (2.0 * amplitude)
     }
 
+    /// ∬ |A|² dL dM = ∬ Φ/N dp dq over the whole pupil.
+    pub(super) fn power(&self) -> f64 {
+        self.energy / (self.wavelength_um * self.wavelength_um)
+    }
+
     /// Share of the total energy per unit of |U|² on a sample of `pitch_um`.
     pub(in crate::design) fn share(&self, pitch_um: f64) -> f64 {
         pitch_um * pitch_um / self.energy

@@ -19,6 +19,8 @@ use super::window::{Windows, core_samples, half_samples, window};
 use crate::design::prescription::error::DesignError;
 use crate::design::prescription::system::System;
 use crate::design::psf::pupil_stack::{PupilStack, normalise};
+pub use crate::design::psf::tails::NoTail;
+use crate::design::psf::tails::band_tail;
 use crate::design::psf::{PsfGrid, PsfScratch, PupilFunction};
 use crate::design::pupil::illumination::{irradiance_sr, irradiance_table};
 use crate::design::pupil::pupils::Pupils;
@@ -82,12 +84,16 @@ pub struct BandReport {
     pub min_energy: f64,
     /// PSFs computed.
     pub psfs: usize,
+    /// Why the band has no tail, if one was asked for.
+    pub no_tail: Option<NoTail>,
 }
 
 /// What PSFs of a wavelength are computed with.
 pub(super) struct Sampled<'t> {
     pub(super) pupils: Pupils<'t>,
     last_mm: f64,
+    /// The heights that `pupils` were made with, mm.
+    first: Vec<f64>,
     /// Window and samples of the PSFs, and those for the choice of nodes.
     window_px: usize,
     grid: PsfGrid,
@@ -101,6 +107,7 @@ pub struct LensTrace<'a> {
     pub(super) system: &'a System,
     pub(super) options: &'a TraceOptions,
     primary: Paraxial,
+    tails: bool,
 }
 
 impl<'a> LensTrace<'a> {
@@ -115,7 +122,13 @@ impl<'a> LensTrace<'a> {
         for nm in &options.wavelengths_nm {
             Tracer::new(system, nm / 1e3)?.field_of_height(options.max_height_mm)?;
         }
-        Ok(Self { system, options, primary })
+        Ok(Self { system, options, primary, tails: false })
+    }
+
+    /// With the tails of PSFs beyond their windows, if `tails`: nodes, windows and PSFs are the same.
+    #[must_use]
+    pub fn with_tails(self, tails: bool) -> Self {
+        Self { tails, ..self }
     }
 
     /// The lens without its bands.
@@ -165,7 +178,11 @@ impl<'a> LensTrace<'a> {
         let transmission = transmission(&tracer, light[0])?;
         let mut sampled = self.sampled(&tracer, &mut report_step)?;
         let chosen = choose(&mut sampled, &mut report_step)?;
-        let Sampled { mut pupils, grid, window_px, .. } = sampled;
+        let Sampled { mut pupils, grid, window_px, first, .. } = sampled;
+        let tail = self.tails.then(|| {
+            report_step("tails", 0);
+            band_tail(&pupils, &first, (grid.size(), grid.pitch_um()), tracer.surfaces())
+        });
         report_step("PSFs", 0);
         pupils.keep(&chosen.heights);
         pupils.prepare(chosen.heights.iter().copied())?;
@@ -178,6 +195,7 @@ impl<'a> LensTrace<'a> {
             window_px,
             min_energy: stack.1.iter().copied().fold(1.0, f64::min),
             psfs,
+            no_tail: tail.as_ref().and_then(|t| t.as_ref().err()).copied(),
         };
         let tables = LensBand {
             wavelength_nm: nm,
@@ -191,6 +209,7 @@ impl<'a> LensTrace<'a> {
             psf_energy: stack.1,
             solid_angle_sr: light[0] / transmission,
             transmission,
+            tail: tail.and_then(Result::ok),
         };
         Ok(TracedBand { tables, psf: stack.0, pupils, report })
     }
@@ -219,7 +238,7 @@ impl<'a> LensTrace<'a> {
         let grid = PsfGrid::new(half_samples(window_px, options.film_pitch_um, pitch_um), pitch_um);
         let (core_half, core_pitch_um) = core_samples(core_px, options.film_pitch_um, pitch_um);
         let core = PsfGrid::new(core_half, core_pitch_um);
-        Ok(Sampled { pupils, last_mm, window_px, grid, core_px, core })
+        Ok(Sampled { pupils, last_mm, first: heights, window_px, grid, core_px, core })
     }
 
     /// Chooses nodes at the wavelength of `sampled`.

@@ -75,6 +75,7 @@ pub fn write(path: &Path, synthetic: SyntheticLens) {
         psf_height_mm: heights.clone(),
         solid_angle_sr: 0.1,
         transmission: 1.0,
+        tail: None,
     };
     let samples = heights.iter().flat_map(|h| psf(*h, synthetic)).collect();
     let stack = PsfStack { size: 83, pitch_um: band.psf_pitch_um, sample: PsfSample::Point, samples };

@@ -144,6 +144,7 @@ pub fn band<E: std::fmt::Display>(
         psf_energy: Vec::new(),
         solid_angle_sr: in_focus[0] / focused.transmission,
         transmission: focused.transmission,
+        tail: None,
     };
     nodes.set_psfs(&mut tables, nodes.nearest(options.focus));
     Ok(TracedDepth { tables, nodes, placement, reports })

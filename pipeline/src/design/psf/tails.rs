@@ -1,0 +1,169 @@
+//! Tails of the PSFs of a band: the closed form of the far tail, and power laws fitted to PSFs on a larger window.
+//!
+//! At each of a dozen heights the PSF is computed up to [`REACH`] half windows. Its means over rings, of p, p cos φ, p cos 2φ …, give the
+//! harmonics of the azimuth; c_mj follow by least squares of the relative error ([`crate::lens::tail`]). c_00 is that of the edge of the
+//! pupil ([`crate::design::pupil::edge`]), and c_01 makes the light whole: that in the window (by Parseval, of all light) and
+//! that of T beyond its square are 1,
+//!
+//! ```text
+//! ∫∫ beyond a square of half a side a:   r⁻³: 4√2/a    r⁻⁵: (10√2/9)/a³    r⁻³ cos 4φ: (4√2/15)/a    r⁻⁵ cos 4φ: 8/(3 a³) ∫₀^{π/4} cos³φ cos 4φ dφ
+//! ```
+//!
+//! A band whose edge rays land beyond the window, or near its border, has no such tail: there it is geometric, not a power law.
+
+use rayon::prelude::*;
+
+use super::{PsfGrid, PsfScratch};
+use crate::design::pupil::pupils::Pupils;
+use crate::lens::tail::{BandTail, Coefficients, ORDERS, TERMS};
+
+/// Half windows up to which the power laws are fitted, and half a side of the PSFs for it in samples at most.
+const REACH: f64 = 3.0;
+const MAX_HALF: usize = 768;
+/// Half a window over the edge rays' blur, at least.
+const CLEAR: f64 = 1.3;
+/// Rings of the fit.
+const RINGS: usize = 24;
+/// ∫ beyond a square of half a side 1 of r⁻³, r⁻⁵, and of both times cos 4φ: 4√2, 10√2/9, 4√2/15 and 8/3 ∫₀^{π/4} cos³φ cos 4φ dφ.
+const BEYOND: [[f64; TERMS]; 2] =
+    [[5.656_854_249_492_381, 1.571_348_402_636_772_3], [0.377_123_616_632_825_3, 0.296_311_413_068_648_5]];
+
+/// Why a band has no tail.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct NoTail {
+    /// The edge rays' largest blur, µm.
+    pub blur_um: f64,
+    /// Half a side of the window, µm.
+    pub half_um: f64,
+}
+
+/// The tails at `heights` (those that `pupils` were made with) beyond windows of `window` samples of `pitch_um`.
+pub(in crate::design) fn band_tail(
+    pupils: &Pupils<'_>,
+    heights: &[f64],
+    (window, pitch_um): (usize, f64),
+    surfaces: usize,
+) -> Result<BandTail, NoTail> {
+    let half_um = 0.5 * window as f64 * pitch_um;
+    let edges: Vec<_> = heights.iter().map(|h| pupils.at(*h).edge(surfaces)).collect();
+    let blur_um = edges.iter().fold(0.0_f64, |a, e| a.max(e.blur_um));
+    if CLEAR * blur_um > half_um {
+        return Err(NoTail { blur_um, half_um });
+    }
+    let half = ((REACH * 0.5 * window as f64) as usize).min(MAX_HALF.max(3 * window / 4));
+    let grid = PsfGrid::new(half, pitch_um);
+    let rings = Rings::new(half, 0.5 * window as f64);
+    let coefficients = heights
+        .par_iter()
+        .zip(&edges)
+        .map_init(<(PsfScratch, Vec<f32>)>::default, |(scratch, psf), (h, edge)| {
+            grid.psf_into(pupils.at(*h), 0.0, scratch, psf);
+            rings.fit(psf, window, pitch_um, edge.tail_um)
+        })
+        .collect();
+    Ok(BandTail { inner_mm: 1e-3 * half_um, height_mm: heights.to_vec(), coefficients })
+}
+
+/// Rings about the centre of PSFs of one size, lengths in samples.
+struct Rings {
+    half: usize,
+    /// The first radius, half a window.
+    inner: f64,
+    /// Ring of each sample and the cosine of its azimuth, of the rows from the centre down; [`RINGS`]: none.
+    samples: Vec<(u8, f32)>,
+    /// Samples of each ring, the lower and the upper half of the PSF.
+    count: [f64; RINGS],
+    /// Means of r^−q.
+    basis: [[f64; TERMS]; RINGS],
+}
+
+impl Rings {
+    fn new(half: usize, inner: f64) -> Self {
+        let (n, outer) = (2 * half + 1, 0.99 * half as f64);
+        let mut rings = Self {
+            half,
+            inner,
+            samples: Vec::with_capacity((half + 1) * n),
+            count: [0.0; RINGS],
+            basis: [[0.0; TERMS]; RINGS],
+        };
+        // Radii in geometric sequence.
+        let ratio = crate::real::pow(outer / inner, 1.0 / RINGS as f64);
+        let edges: Vec<f64> =
+            std::iter::successors(Some(inner), |r| Some(r * ratio)).take(RINGS + 1).collect();
+        for y in 0..=half {
+            for x in 0..n {
+                let (x, y) = (x as f64 - half as f64, y as f64);
+                let r = (x * x + y * y).sqrt();
+                let ring = edges.partition_point(|edge| *edge <= r);
+                if ring == 0 || ring > RINGS {
+                    rings.samples.push((RINGS as u8, 0.0));
+                    continue;
+                }
+                let weight = if y == 0.0 { 1.0 } else { 2.0 };
+                rings.count[ring - 1] += weight;
+                for (j, sum) in rings.basis[ring - 1].iter_mut().enumerate() {
+                    *sum += weight * r.powi(-3 - 2 * j as i32);
+                }
+                rings.samples.push(((ring - 1) as u8, (x / r) as f32));
+            }
+        }
+        for (sums, count) in rings.basis.iter_mut().zip(&rings.count) {
+            sums.iter_mut().for_each(|sum| *sum /= count);
+        }
+        rings
+    }
+
+    /// Harmonics of `psf` (share per sample), by ring.
+    fn harmonics(&self, psf: &[f32]) -> [[f64; ORDERS]; RINGS] {
+        let n = 2 * self.half + 1;
+        let mut sums = [[0.0; ORDERS]; RINGS];
+        for (y, (row, samples)) in
+            psf.chunks_exact(n).skip(self.half).zip(self.samples.chunks_exact(n)).enumerate()
+        {
+            let weight = if y == 0 { 1.0 } else { 2.0 };
+            for (v, (ring, cosine)) in row.iter().zip(samples) {
+                let Some(sums) = sums.get_mut(*ring as usize) else { continue };
+                let (v, cosine) = (weight * f64::from(*v), f64::from(*cosine));
+                let (mut last, mut this) = (cosine, 1.0);
+                for (m, sum) in sums.iter_mut().enumerate() {
+                    *sum += v * this;
+                    (last, this) = (this, if m == 0 { cosine } else { 2.0 * cosine * this - last });
+                }
+            }
+        }
+        for (sums, count) in sums.iter_mut().zip(&self.count) {
+            let norm = |m: usize| if m == 0 { 1.0 } else { 2.0 };
+            sums.iter_mut().enumerate().for_each(|(m, sum)| *sum *= norm(m) / count);
+        }
+        sums
+    }
+
+    /// The coefficients of `psf` beyond its inner `window`, with C = `tail_um`.
+    fn fit(&self, psf: &[f32], window: usize, pitch_um: f64, tail_um: f64) -> Coefficients {
+        let harmonics = self.harmonics(psf);
+        let mut c = [[0.0; TERMS]; ORDERS];
+        for (m, c) in c.iter_mut().enumerate().skip(1) {
+            // Normal equations of the relative errors: of f = t/b₀ by 1 and g = b₁/b₀.
+            let (mut n, mut g1, mut g2, mut f1, mut fg) = (0.0, 0.0, 0.0, 0.0, 0.0);
+            for (row, basis) in harmonics.iter().zip(&self.basis) {
+                let (f, g) = (row[m] / basis[0], basis[1] / basis[0]);
+                (n, g1, g2, f1, fg) = (n + 1.0, g1 + g, g2 + g * g, f1 + f, fg + f * g);
+            }
+            let determinant = n * g2 - g1 * g1;
+            *c = [(f1 * g2 - fg * g1) / determinant, (n * fg - g1 * f1) / determinant];
+        }
+        // Light of the window: a square of `window` samples.
+        let (n, first) = (2 * self.half + 1, self.half - window / 2);
+        let rows = psf.chunks_exact(n).skip(first).take(window);
+        let inside: f64 = rows.flat_map(|row| &row[first..first + window]).map(|v| f64::from(*v)).sum();
+        let a = self.inner;
+        let [plain, fourth] = BEYOND.map(|[third, fifth]| [third / a, fifth / a.powi(3)]);
+        c[0][0] = tail_um / pitch_um;
+        let others = c[0][0] * plain[0] + c[4][0] * fourth[0] + c[4][1] * fourth[1];
+        c[0][1] = (1.0 - inside - others) / plain[1];
+        // From samples to mm.
+        let mm = 1e-3 * pitch_um;
+        c.map(|[third, fifth]| [third * mm, fifth * mm.powi(3)])
+    }
+}
