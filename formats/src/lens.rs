@@ -58,7 +58,7 @@
 //! |---|---|---|---|
 //! | `tail/inner_radius` | (B) | mm | R, half a side of the PSF window; NaN: this band has no tail |
 //! | `tail/height` | (B, H) | mm | real image heights, ascending from 0 |
-//! | `tail/coefficient` | (B, H, 5, 2) | mm, mm³ | c_mj of harmonic m and term j |
+//! | `tail/coefficient` | (B, H, 10) | mm, mm³ | c_mj of harmonic m and term j at 2 m + j |
 //!
 //! # Values
 //!

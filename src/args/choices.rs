@@ -65,6 +65,7 @@ pub(super) const RESAMPLE: Choices<Resample> = &[
 ];
 pub(super) const STYLE: Choices<Style> =
     &[("light", "Black on white", Style::Light), ("dark", "Light on dark grey", Style::Dark)];
+pub(super) const SWITCH: Choices<bool> = &[("on", "", true), ("off", "", false)];
 pub(super) const SURROUND: Choices<Surround> =
     &[("edge", "", Surround::Edge), ("black", "", Surround::Black), ("mirror", "", Surround::Mirror)];
 

@@ -1,12 +1,12 @@
 //! `lenscube lens`.
 
 use super::camera::CameraArgs;
-use super::choices::{STYLE, one_of};
+use super::choices::{STYLE, SWITCH, one_of};
 use super::design::{DESIGN_FILES, Depths, DesignArgs, depths, focus_m};
 use super::import::ImportArgs;
 use super::light::LightArgs;
 use super::values::{bounded, figures, film_point, pitch, positive, share, window_px};
-use clap::{Args, Subcommand, ValueEnum};
+use clap::{ArgAction, Args, Subcommand, ValueEnum};
 use formats::design::{endings_written, names_read, names_written};
 use formats::picture::style::Style;
 use pipeline::bounds;
@@ -313,6 +313,9 @@ pub struct TraceArgs {
     /// Maximum PSF window, an odd number of film pixels [default: 401; 639 with --depths-m]
     #[arg(long, value_name = "N", value_parser = |text: &str| window_px(text, TraceOptions::WIDEST_PX))]
     pub max_window_px: Option<usize>,
+    /// Whether the pack has the light of PSFs beyond their windows (its attribute `extras` then lists `tail`)
+    #[arg(long, value_parser = one_of(SWITCH), action = ArgAction::Set, default_value = "off")]
+    pub tails: bool,
     /// Maximum error of a kernel between nodes, L1 at film pixels
     #[arg(long, value_parser = positive, default_value = "0.01")]
     pub psf_tolerance: f64,

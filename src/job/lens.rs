@@ -8,6 +8,7 @@ pub mod energy;
 mod estimate;
 mod reach;
 pub mod samples;
+pub mod tails;
 mod traced;
 mod tracing;
 mod tracing_job;

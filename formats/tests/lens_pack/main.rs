@@ -3,6 +3,7 @@
 mod errors;
 mod pupils;
 mod reading;
+mod tails;
 
 use lenscube_formats::lens::{LensPack, LensPackError, LensPackWriter, PackAttributes, write};
 use pipeline::lens::depth::BandDepth;

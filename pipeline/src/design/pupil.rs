@@ -11,6 +11,6 @@ pub(super) mod pupils;
 pub mod quadrature;
 pub mod rim;
 #[cfg(test)]
-mod test_lenses;
+pub(super) mod test_lenses;
 
 pub use openings::{Pupil, PupilNode, Segment};

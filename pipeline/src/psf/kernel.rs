@@ -353,6 +353,49 @@ mod tests {
         out
     }
 
+    /// A core, and 1 % of the light beyond 20 film pixels as a tail with harmonics: T and the near kernels are the PSF again.
+    #[test]
+    fn near_kernels_and_the_tail_are_the_psf() {
+        let (n, pitch_um, film_um) = (123, 2.0 / 3.0, 2.0);
+        let inner_mm = 0.5 * n as f64 * pitch_um * 1e-3;
+        let c = 2.65e-2 * film_um * 1e-3;
+        let mut coefficients = [[0.0; 2]; 5];
+        (coefficients[0], coefficients[1], coefficients[2]) = ([c, 1e-8], [0.0, 2e-9], [0.3 * c, 0.0]);
+        let tail = BandTail { inner_mm, height_mm: vec![0.0, 1.0], coefficients: vec![coefficients; 2] };
+        let beyond = crate::lens::tail::light(&coefficients, inner_mm);
+        let at = |i: usize| (i as f64 - (n / 2) as f64) * pitch_um * 1e-3;
+        let step = (1e-3 * pitch_um).powi(2);
+        // The core has the light that T leaves.
+        let core = |x: f64, y: f64| {
+            (-(x * x + y * y) / (2.0 * 3e-3 * 3e-3)).exp() / (2.0 * std::f64::consts::PI * 3e-3 * 3e-3)
+        };
+        let psf = |x: f64, y: f64| (1.0 - beyond) * core(x, y) + value(&coefficients, inner_mm, x, y);
+        let raw: Vec<f64> = (0..n * n).map(|i| psf(at(i % n), at(i / n)) * step).collect();
+        let energy: f64 = raw.iter().sum();
+        let one: Vec<f32> = raw.iter().map(|v| (v / energy) as f32).collect();
+        let stack =
+            PsfStack { size: n, pitch_um, sample: PsfSample::Point, samples: [one.clone(), one].concat() };
+        let tables = (&tail, &[0.0, 1.0][..], &[energy, energy][..]);
+        let kernels = NodeKernels::near(&stack, tables, vec![1.0 - beyond; 2], film_um, Simd::detect());
+        let grid = NodeGrid::new(&[0.0, 1.0], &[1, 72], 2e-3);
+        for j in [0, 5, 31] {
+            let kernel = kernel_of(&kernels, &grid, j);
+            let size = kernels.size();
+            let sum: f64 = kernel.iter().map(|v| f64::from(*v)).sum();
+            assert!((sum - (1.0 - beyond)).abs() < 1e-6, "{sum}");
+            // Of the core alone: what a near kernel is here, but for rounding and resampling.
+            let expected = |i: usize| {
+                let place = |i: usize| (i as f64 - (size / 2) as f64) * film_um * 1e-3;
+                let fine = |s: usize| (s as f64 / 8.0 - 0.4375) * film_um * 1e-3;
+                let parts =
+                    (0..64).map(|s| core(place(i % size) + fine(s % 8), place(i / size) + fine(s / 8)));
+                (1.0 - beyond) * parts.sum::<f64>() / 64.0 * (film_um * 1e-3).powi(2)
+            };
+            let l1: f64 = kernel.iter().enumerate().map(|(i, v)| (f64::from(*v) - expected(i)).abs()).sum();
+            assert!(l1 < 1e-3, "azimuth {j}: L1 {l1:.1e}");
+        }
+    }
+
     #[test]
     fn symmetric_psfs_need_10_base_kernels_of_72_and_others_18() {
         let grid = NodeGrid::new(&[0.0, 1.0], &[1, 72], 2e-3);

@@ -9,6 +9,7 @@ use crate::design;
 use crate::failure::{other_job, usage};
 use crate::job::lens::attributes::attributes;
 use crate::job::lens::energy::{MissedEnergy, percent};
+use crate::job::lens::tails;
 use crate::progress::{TracingBar, detail_line, log_line, number, plural};
 use anyhow::{Context, Result};
 use estimate::{Needed, estimate};
@@ -19,7 +20,7 @@ use pipeline::design::depth::trace::DepthOptions;
 use pipeline::design::describe::field_tan;
 use pipeline::design::image_circle::EDGE;
 use pipeline::design::ray::Tracer;
-use pipeline::design::trace::{BandReport, Progress, PsfHeights, TraceOptions, TracedBand, trace_lens};
+use pipeline::design::trace::{BandReport, LensTrace, Progress, PsfHeights, TraceOptions, TracedBand};
 use pipeline::psf::blocks::Blocks;
 use std::path::Path;
 use std::time::Instant;
@@ -41,6 +42,9 @@ pub fn command(args: &TraceArgs) -> Result<()> {
     }
     let options = options(args, &system)?;
     if let Some(depth) = depth {
+        if args.tails {
+            log_line("note: a pack with depth nodes has no tails: its PSFs are scaled into their windows");
+        }
         return depth::trace(args, &system, &options, &depth, start);
     }
     let Needed { seconds, psf_mb, text } =
@@ -66,7 +70,7 @@ pub fn command(args: &TraceArgs) -> Result<()> {
         bar.step(format!("{} nm: {} ({} PSFs)", number(options.wavelengths_nm[p.band]), p.step, p.psfs));
     };
     let result = write_beside(pack, stored, |write| {
-        trace_lens(&system, &options, &mut progress, |index, band| {
+        LensTrace::new(&system, &options)?.with_tails(args.tails).all(&mut progress, |index, band| {
             bar.suspend(|| log_line(band_line(&band)));
             reports.push(band.report);
             write(index, band)
@@ -77,6 +81,9 @@ pub fn command(args: &TraceArgs) -> Result<()> {
     let (traced, pack) = result.with_context(context)?;
     let lens = traced.with_context(context)?;
     pack.finish(&lens, &attributes(&args.design, &args.parameters, &options, &reports))?;
+    if let Some(note) = tails::note(&reports) {
+        log_line(note);
+    }
     for line in summary(&args.out, &options, &reports, start.elapsed().as_secs_f64()) {
         log_line(line);
     }

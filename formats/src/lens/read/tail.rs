@@ -13,8 +13,8 @@ pub(super) fn read(tables: &Arrays<'_>) -> Result<Vec<Option<BandTail>>, LensPac
     let heights = tables.rows("tail/height", None)?;
     let array = PackArray::open(tables.store, "tail/coefficient")?;
     array.expect_shape(
-        &[tables.bands, heights.width, ORDERS, TERMS],
-        "bands, heights of tail/height, harmonics, terms",
+        &[tables.bands, heights.width, ORDERS * TERMS],
+        "bands, heights of tail/height, terms of all harmonics",
     )?;
     array.expect_at_most(&bounds::TABLE_NUMBERS)?;
     let values = array.read()?;

@@ -21,8 +21,9 @@ impl LensPackWriter {
         };
         let rows = bands.iter().flat_map(|b| (0..width).map(move |k| of(b, k)));
         let bytes: Vec<u8> = rows.flatten().flatten().flat_map(f64::to_ne_bytes).collect();
-        let shape = [bands.len(), width, ORDERS, TERMS];
-        let axes = ["wavelength", "height", "harmonic", "term"];
+        // Harmonic by harmonic.
+        let shape = [bands.len(), width, ORDERS * TERMS];
+        let axes = ["wavelength", "height", "harmonic_and_term"];
         self.array("tail/coefficient", "float64", &shape, "term 0: mm, term 1: mm3", &axes, &bytes)
     }
 }

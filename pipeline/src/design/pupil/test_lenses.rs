@@ -90,7 +90,7 @@ const MIRROR_500: [Row; 15] = [
 ];
 
 /// The lens of that name.
-pub(super) fn lens(name: &str) -> System {
+pub(in crate::design) fn lens(name: &str) -> System {
     let (rows, aspheres, stop, aperture): (&[Row], &[Asphere], _, _) = match name {
         "phone" => (&PHONE, &PHONE_ASPHERES, 0, Aperture::EntrancePupil(1.30312)),
         "mirrorless-50" => (&MIRRORLESS_50, &MIRRORLESS_50_ASPHERES, 5, Aperture::StopRadius(8.12)),

@@ -33,6 +33,9 @@ pub const TRACER_VERSION: u32 = 8;
 /// Incremented when nodes or windows for the same design and options change, which packs with pupil functions have stored.
 pub const NODES_VERSION: u32 = 2;
 
+/// Incremented when tails for the same design and options change.
+pub const TAILS_VERSION: u32 = 1;
+
 /// Runs `work` with `threads` threads for its rays and sums; the results do not depend on their number.
 pub fn with_threads<T: Send>(threads: usize, work: impl FnOnce() -> T + Send) -> T {
     match rayon::ThreadPoolBuilder::new().num_threads(threads).build() {
@@ -134,6 +137,24 @@ impl<'a> LensTrace<'a> {
     /// The lens without its bands.
     pub fn header(&self) -> Lens {
         header(self.system, &self.primary)
+    }
+
+    /// Traces all bands and passes each to `sink`, as [`trace_lens`].
+    ///
+    /// # Errors
+    /// As [`LensTrace::band`]; [`DesignError::Sink`] for an error of `sink`.
+    pub fn all<E: std::fmt::Display>(
+        &self,
+        on_progress: OnProgress<'_>,
+        mut sink: impl FnMut(usize, TracedBand) -> Result<(), E>,
+    ) -> Result<Lens, DesignError> {
+        let (mut lens, mut shared) = (self.header(), SharedNodes::default());
+        for (i, nm) in self.options.wavelengths_nm.iter().enumerate() {
+            let band = self.band_sharing(i, &mut shared, on_progress)?;
+            lens.bands.push(band.tables.clone());
+            sink(i, band).map_err(|e| DesignError::Sink { wavelength_nm: *nm, problem: e.to_string() })?;
+        }
+        Ok(lens)
     }
 
     /// Traces band `index`, with nodes of its own.
@@ -354,16 +375,9 @@ pub fn trace_lens<E: std::fmt::Display>(
     system: &System,
     options: &TraceOptions,
     on_progress: OnProgress<'_>,
-    mut sink: impl FnMut(usize, TracedBand) -> Result<(), E>,
+    sink: impl FnMut(usize, TracedBand) -> Result<(), E>,
 ) -> Result<Lens, DesignError> {
-    let trace = LensTrace::new(system, options)?;
-    let (mut lens, mut shared) = (trace.header(), SharedNodes::default());
-    for (i, nm) in options.wavelengths_nm.iter().enumerate() {
-        let band = trace.band_sharing(i, &mut shared, on_progress)?;
-        lens.bands.push(band.tables.clone());
-        sink(i, band).map_err(|e| DesignError::Sink { wavelength_nm: *nm, problem: e.to_string() })?;
-    }
-    Ok(lens)
+    LensTrace::new(system, options)?.all(on_progress, sink)
 }
 
 /// Transmission on the axis, whose light G with its losses is `light`: flux-weighted mean over the pupil; 1 without coatings.
