@@ -3,7 +3,7 @@
 pub mod bundle;
 pub(super) mod chebyshev;
 pub(super) mod disc;
-pub mod edge;
+pub(super) mod edge;
 pub(super) mod function;
 pub mod illumination;
 mod openings;

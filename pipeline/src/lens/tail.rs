@@ -127,7 +127,7 @@ impl BandTail {
         if let Err(e) = bounds::HEIGHT_MM.check(self.inner_mm) {
             return bad("tail/inner_radius", format!("is out of bounds: {e}"));
         }
-        if !(self.inner_mm > 0.0) {
+        if self.inner_mm <= 0.0 {
             return bad("tail/inner_radius", format!("is {} mm, expected a positive number", self.inner_mm));
         }
         let heights = self.height_mm.len();

@@ -27,7 +27,7 @@ const NEAR: f64 = 0.01;
 
 /// The edge of a pupil.
 #[derive(Clone, Copy, Debug, PartialEq)]
-pub struct Edge {
+pub(in crate::design) struct Edge {
     /// C of the far tail, µm.
     pub tail_um: f64,
     /// Largest distance of an edge ray from the chief ray on the film, µm.
@@ -36,7 +36,7 @@ pub struct Edge {
 
 impl PupilFunction {
     /// The edge of the pupil; `surfaces`: the number of surfaces, from which on those of obscurations are counted.
-    pub fn edge(&self, surfaces: usize) -> Edge {
+    pub(in crate::design) fn edge(&self, surfaces: usize) -> Edge {
         let (mut around, mut blur) = (0.0, 0.0_f64);
         for patch in &self.patches {
             let is_aperture = patch.segment.limit.is_none_or(|limit| limit < surfaces);
@@ -66,7 +66,9 @@ impl Patch {
         for i in 0..=STEPS / 4 {
             let share = (4.0 * i as f64 / STEPS as f64).clamp(NEAR, 1.0 - NEAR);
             let difference = |a: [f64; 5], b: [f64; 5]| [a[0] - b[0], a[1] - b[1], a[2] - b[2]];
-            let u = difference(at(1.0, share), at(1.0 - 2.0 * NEAR, share));
+            // The slope at the edge, not a step inwards: three points.
+            let [edge, near, far] = [0.0, NEAR, 2.0 * NEAR].map(|step| at(1.0 - step, share));
+            let u: [f64; 3] = std::array::from_fn(|i| 3.0 * edge[i] - 4.0 * near[i] + far[i]);
             let v = difference(at(1.0, share + NEAR), at(1.0, share - NEAR));
             // −(x u_L + y u_M) = u_W, the same for v.
             let determinant = u[1] * v[2] - u[2] * v[1];

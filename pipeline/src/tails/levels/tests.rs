@@ -124,7 +124,7 @@ fn spots_have_the_tails_of_their_places() {
         errors.sort_by(f64::total_cmp);
         let median = errors[errors.len() / 2];
         println!("spot at {sy}, {sx}: near {near:.1e}, beyond {worst:.1e}, median {median:.1e}");
-        assert!(near < 0.1 && worst < 0.05 && median < 6e-3, "{sy} {sx}: {near} {worst} {median}");
+        assert!(near < 0.1 && worst < 0.08 && median < 1e-2, "{sy} {sx}: {near} {worst} {median}");
     }
 }
 
