@@ -52,6 +52,7 @@ fn band(unit: f64, ideal_and_ri: impl Fn(f64) -> (f64, f64)) -> LensBand {
         psf_energy: vec![1.0, 1.0],
         solid_angle_sr: 0.1,
         transmission: 1.0,
+        tail: None,
     }
 }
 
