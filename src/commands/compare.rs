@@ -62,7 +62,10 @@ pub fn command(args: &CompareArgs) -> Result<u8> {
     check_directory(&args.out)?;
     check_absent_in(&args.out, FILES, args.overwrite)?;
     if !of_raws(args)? {
-        return finish(args, films::compare(args)?, !args.edge.is_empty(), false);
+        let found = films::compare(args)?;
+        let files = film_report::files(&args.out, &found)?;
+        film_report::print_summary(&found);
+        return finish(args, files, !args.edge.is_empty(), false);
     }
     let threads = threads(args.threads);
     let pair = Pair::open(args)?;

@@ -1,15 +1,39 @@
-//! The page of a comparison of films: difference over wavelength, MTF, tables; and what is printed.
+//! The files of a comparison of films, its page with difference over wavelength, MTF and tables; and what is printed.
 
 use super::films::{Comparison, Edge};
 use super::report::{MAX_CY_PX, NAMES, page, table};
 use crate::progress::{number, print};
+use anyhow::Result;
+use formats::durable::{AtomicFile, create_directories};
 use formats::picture::figure::Figure;
 use formats::picture::plot::{Axis, Plot, Series, stacked};
 use formats::picture::style::Style;
 use formats::picture::text::escape;
+use std::path::Path;
+
+/// The files of the comparison, for the directory `out`, which is made.
+///
+/// # Errors
+/// They cannot be written.
+pub fn files(out: &Path, found: &Comparison) -> Result<Vec<AtomicFile>> {
+    let figures = figures(found);
+    create_directories(out, true)?;
+    let at = |name: &str| out.join(name);
+    let mut files = vec![
+        found.difference.image.png_file(&at("difference.png"), &found.caption())?,
+        figures.file(&at("figures.png"))?,
+        AtomicFile::with_text(&at("regions.csv"), &found.regions_csv())?,
+        AtomicFile::with_text(&at("compare.json"), &(serde_json::to_string_pretty(&found.json())? + "\n"))?,
+        AtomicFile::with_text(&at("report.html"), &html(found, &figures))?,
+    ];
+    if !found.edges.is_empty() {
+        files.push(AtomicFile::with_text(&at("mtf.csv"), &found.mtf_csv())?);
+    }
+    Ok(files)
+}
 
 /// The difference over wavelength, and the MTF of each edge.
-pub fn figures(found: &Comparison) -> Figure {
+fn figures(found: &Comparison) -> Figure {
     let axis = Axis::new("wavelength (nm)", 0.0, 0.0);
     let mut share = Plot::new("", axis, Axis::new("RMS of the difference (% of A)", 0.0, 0.0));
     let points = found.bands.iter().filter_map(|b| Some((b.nm, 100.0 * b.all.share()?))).collect();
@@ -32,7 +56,7 @@ pub fn figures(found: &Comparison) -> Figure {
 }
 
 /// The page.
-pub fn html(found: &Comparison, figures: &Figure) -> String {
+fn html(found: &Comparison, figures: &Figure) -> String {
     let unit = match &found.units {
         [Some(a), Some(b)] if a == b => format!(" Values in {a}."),
         _ => String::new(),

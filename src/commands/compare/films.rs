@@ -7,7 +7,6 @@
 //! ```
 //! The picture shows the mean of d over the bands.
 
-use super::film_report;
 use super::regions::{Difference, MAX_SIDE, ROWS, cell_rects, draw};
 use crate::args::CompareArgs;
 use crate::commands::measure::{Measurement, edge};
@@ -17,7 +16,6 @@ use crate::open::{self, Chart};
 use crate::progress::{log_line, number};
 use anyhow::{Context, Result, bail};
 use formats::chart::NanPolicy;
-use formats::durable::{AtomicFile, create_directories};
 use formats::parallel;
 use pipeline::geometry::{Rect, Size};
 use serde_json::{Value, json};
@@ -73,11 +71,11 @@ pub struct Comparison {
     pub difference: Difference,
 }
 
-/// Compares the films of `args`; returns the files of the comparison.
+/// Compares the films of `args`.
 ///
 /// # Errors
 /// Usage: flags of raws; films of other pixels or without a band in common. A film that is not complete; a read error.
-pub fn compare(args: &CompareArgs) -> Result<Vec<AtomicFile>> {
+pub fn compare(args: &CompareArgs) -> Result<Comparison> {
     if !args.patch.is_empty() || args.frame != 0 {
         return Err(usage(
             "--patch and --frame are for raws: films have neither frames nor the colours of a sensor",
@@ -86,22 +84,7 @@ pub fn compare(args: &CompareArgs) -> Result<Vec<AtomicFile>> {
     let films = Films::open(args)?;
     let edges =
         args.edge.iter().map(|line| films.edge(*line, args.half_px as usize)).collect::<Result<Vec<_>>>()?;
-    let found = films.measure(args.grid as usize, threads(args.threads), edges)?;
-    let figures = film_report::figures(&found);
-    create_directories(&args.out, true)?;
-    let at = |name: &str| args.out.join(name);
-    let mut files = vec![
-        found.difference.image.png_file(&at("difference.png"), &found.caption())?,
-        figures.file(&at("figures.png"))?,
-        AtomicFile::with_text(&at("regions.csv"), &found.regions_csv())?,
-        AtomicFile::with_text(&at("compare.json"), &(serde_json::to_string_pretty(&found.json())? + "\n"))?,
-        AtomicFile::with_text(&at("report.html"), &film_report::html(&found, &figures))?,
-    ];
-    if !found.edges.is_empty() {
-        files.push(AtomicFile::with_text(&at("mtf.csv"), &found.mtf_csv())?);
-    }
-    film_report::print_summary(&found);
-    Ok(files)
+    films.measure(args.grid as usize, threads(args.threads), edges)
 }
 
 /// Two films of the same pixels.
@@ -346,7 +329,8 @@ impl Comparison {
         )
     }
 
-    fn json(&self) -> Value {
+    /// All figures.
+    pub fn json(&self) -> Value {
         let band = |band: &Band| {
             let mut value = band.all.json();
             value["wavelength_nm"] = json!(band.nm);
@@ -377,7 +361,8 @@ impl Comparison {
         })
     }
 
-    fn regions_csv(&self) -> String {
+    /// The regions of each band.
+    pub fn regions_csv(&self) -> String {
         let mut text = String::from(
             "wavelength_nm,x,y,width,height,mean_a,mean_b,difference_mean,difference_rms,difference_largest\n",
         );
@@ -402,7 +387,8 @@ impl Comparison {
         text
     }
 
-    fn mtf_csv(&self) -> String {
+    /// The MTF of each edge, band and film.
+    pub fn mtf_csv(&self) -> String {
         let mut text = String::from("edge,wavelength_nm,film,frequency_cy_px,modulation\n");
         for (k, edge) in self.edges.iter().enumerate() {
             for (nm, both) in &edge.bands {
