@@ -5,7 +5,7 @@
 //! B_mj(r) = r^−q                                             r ≥ R
 //!         = (r/R)^m R^−q [1 − (q + m)/2 · ((r/R)² − 1)]      r < R
 //! ```
-//! r [mm] is the distance from the chief ray, φ the azimuth about it from the direction of the field point, h the REAL image height, R the
+//! r in mm is the distance from the chief ray, φ the azimuth about it from the direction of the field point, h the REAL image height, R the
 //! radius from which on the power laws hold: half a side of the PSF window. Inside R the laws are continued smoothly (two terms of their
 //! expansion in r² about R: value and slope are continuous), so that T is the PSF beyond the window and a smooth function everywhere, which a
 //! coarse grid can hold; the rest of the PSF, p − T inside the window, is nearly 0 at its border.

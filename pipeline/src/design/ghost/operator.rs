@@ -1,4 +1,4 @@
-//! Computation of a [`RingOperator`](super::rings::RingOperator) from traced paths.
+//! Computation of a [`RingOperator`] from traced paths.
 //!
 //! Geometry is traced at multiples of 60 nm, each band at the nearest: landings move by less than a ring, while the reflectance of a coating may change tenfold, so that the light along
 //! each ray is computed at the band's own wavelength. A band's operator thus depends on its own wavelength alone, not on the other bands that are traced with it.
