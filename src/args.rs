@@ -50,7 +50,7 @@ pub use design::{CoatingsArg, DESIGN_FILES, DesignArgs, ImagePlaneArg};
 pub use develop::{DevelopArgs, DevelopStyle, ToneArg};
 pub use device::{Device, DeviceArgs, DeviceCommand, EngineArg};
 pub use export::{ExportArgs, ExportFormatArg};
-pub use ghosts::{RINGS as GHOST_RINGS, ReflectanceArg};
+pub use ghosts::{GhostArgs, RINGS as GHOST_RINGS, ReflectanceArg};
 pub use import::ImportArgs;
 pub use lens::{
     ConvertArgs, DiffArgs, LensArgs, LensCommand, ListArgs, Normalise, PsfArgs, ShowArgs, Store, TableName,

@@ -3,7 +3,7 @@
 use super::values::number;
 use clap::{Args, ValueEnum};
 use std::fmt::{self, Display, Formatter};
-use std::path::PathBuf;
+use std::path::{Path, PathBuf};
 
 /// Group of the flags of a job in help.
 const HEADING: &str = "Light beside the image";
@@ -81,6 +81,14 @@ impl GhostArgs {
     /// Whether there are ghosts.
     pub fn is_on(&self) -> bool {
         self.ghosts == Switch::On
+    }
+
+    /// The table of the film's reflectance, if it is given as one.
+    pub fn reflectance_file(&self) -> Option<&Path> {
+        match &self.sensor_reflectance {
+            Some(ReflectanceArg::File(path)) => Some(path),
+            _ => None,
+        }
     }
 
     /// The flag that is given without ghosts, if one is.

@@ -163,7 +163,7 @@ fn of_exposure(args: &ExposeArgs) -> Result<Guard> {
 
 fn of_shot(args: &ShootArgs) -> Guard {
     let guard = Guard::default().reads_chart("chart", &args.chart).reads_surfaces(&args.surfaces);
-    let guard = guard.reads_lens(&args.lens).reads_glasses(&args.tracing);
+    let guard = guard.reads_lens(&args.lens).reads_glasses(&args.tracing).reads_ghosts(&args.veil.ghosts);
     let guard = reads_sensor(guard, &args.sensor);
     let directory = if args.keep.is_some() { "--keep" } else { "the temporary directory" };
     let guard = guard.writes("OUT", &args.out).writes_in(directory, &shoot::directory(args), shoot::STORES);

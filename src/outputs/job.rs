@@ -1,7 +1,7 @@
 //! Inputs and the film of a job.
 
 use super::guard::Guard;
-use crate::args::{CoatingsArg, DepthArgs, RunArgs, TracingArgs};
+use crate::args::{CoatingsArg, DepthArgs, GhostArgs, RunArgs, TracingArgs};
 use crate::design::coating_tables;
 use std::path::PathBuf;
 
@@ -13,7 +13,15 @@ impl Guard {
             .reads_surfaces(&args.surfaces)
             .reads_lens(&args.lens)
             .reads_glasses(&args.tracing)
+            .reads_ghosts(&args.veil.ghosts)
             .writes("FILM", &args.film)
+    }
+
+    /// Adds a table of the film's reflectance.
+    pub fn reads_ghosts(self, args: &GhostArgs) -> Self {
+        args.reflectance_file()
+            .into_iter()
+            .fold(self, |guard, path| guard.reads("reflectance of the film", path))
     }
 
     /// Adds glass catalogues and coatings.

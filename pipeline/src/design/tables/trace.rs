@@ -28,6 +28,9 @@ use crate::design::rays::paraxial::Paraxial;
 use crate::design::rays::ray::Tracer;
 use crate::lens::{Lens, LensBand, PsfSample, PsfStack};
 
+/// Transmission at or below which a lens is dark: relative illumination and PSFs would be lost in rounding.
+const LEAST_TRANSMISSION: f64 = 1e-100;
+
 /// Incremented when the results for the same design and options change.
 pub const TRACER_VERSION: u32 = 8;
 /// Incremented when nodes or windows for the same design and options change, which packs with pupil functions have stored.
@@ -383,11 +386,15 @@ pub fn trace_lens<E: std::fmt::Display>(
 /// Transmission on the axis, whose light G with its losses is `light`: flux-weighted mean over the pupil; 1 without coatings.
 ///
 /// # Errors
-/// A ray of the pupil that does not reach the image.
+/// A ray of the pupil that does not reach the image; [`DesignError::Dark`].
 pub(super) fn transmission(tracer: &Tracer<'_>, light: f64) -> Result<f64, DesignError> {
-    match tracer.has_losses() {
-        true => Ok(light / irradiance_sr(&tracer.without_losses(), 0.0)?),
-        false => Ok(1.0),
+    if !tracer.has_losses() {
+        return Ok(1.0);
+    }
+    let transmission = light / irradiance_sr(&tracer.without_losses(), 0.0)?;
+    match transmission > LEAST_TRANSMISSION {
+        true => Ok(transmission),
+        false => Err(DesignError::Dark { wavelength_um: tracer.wavelength_um }),
     }
 }
 
