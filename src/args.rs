@@ -65,7 +65,7 @@ pub use run::{FilmUnits, ProcessArgs, RunArgs};
 pub use sensor::{ExposeArgs, SensorArgs, SensorCommand, SensorShowArgs, SensorValidateArgs, SizeArg};
 pub use shoot::ShootArgs;
 pub use status::{StatusArgs, VerifyArgs};
-pub use tracing::TracingArgs;
+pub use tracing::{BandSamplesArg, TracingArgs};
 pub use validate::{Quantity, ValidateArgs};
 pub use values::{band_indices, size_order_note};
 pub use veil::BinArg;

@@ -2,11 +2,16 @@
 
 use super::choices::{AIMING, one_of};
 use super::design::{CoatingsArg, DesignArgs, Gap, ImagePlaneArg, configuration};
-use super::values::{share, window_px};
+use super::values::{bounded, share, window_px};
 use clap::Args;
+use pipeline::bounds::BAND_WIDTH_NM;
 use pipeline::design::system::RayAiming;
 use pipeline::psf::blocks::Blocks;
+use std::fmt;
 use std::path::PathBuf;
+
+/// Maximum of the wavelengths of a band.
+const MAX_BAND_SAMPLES: usize = 16;
 
 /// How a design is traced. Without flags as by default; they belong to the lens of a film.
 #[derive(Clone, Debug, Default, PartialEq, Args)]
@@ -34,6 +39,43 @@ pub struct TracingArgs {
     /// Maximum PSF window, an odd number of film pixels [default: 401, of film pixels above 2 µm fewer; 639 with distances]
     #[arg(long, value_name = "N", value_parser = |text: &str| window_px(text, Blocks::widest_window()))]
     pub max_window_px: Option<usize>,
+    /// Wavelengths within the width of a band over which its PSFs, illumination and transmission are averaged, 1 to 16; bands end half-way to their
+    /// neighbours, or have the width in nm [default: 1, a band is one wavelength]
+    #[arg(long, value_name = "N[,width=NM]", value_parser = BandSamplesArg::parse)]
+    pub band_samples: Option<BandSamplesArg>,
+}
+
+/// `--band-samples`.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct BandSamplesArg {
+    /// Number of wavelengths.
+    pub count: usize,
+    /// Width of every band, nm.
+    pub width_nm: Option<f64>,
+}
+
+impl fmt::Display for BandSamplesArg {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        write!(f, "{}", self.count)?;
+        self.width_nm.map_or(Ok(()), |nm| write!(f, ",width={nm}"))
+    }
+}
+
+impl BandSamplesArg {
+    /// Parses `N[,width=NM]`.
+    pub fn parse(text: &str) -> Result<Self, String> {
+        let expected = format!("expected N[,width=NM], N from 1 to {MAX_BAND_SAMPLES}");
+        let (count, width) = match text.split_once(',') {
+            None => (text, None),
+            Some((count, width)) => {
+                let (name, width) = width.split_once('=').ok_or(expected.clone())?;
+                (count, Some(width).filter(|_| name.trim() == "width").ok_or(expected.clone())?.into())
+            }
+        };
+        let count = count.trim().parse::<usize>().ok().filter(|n| (1..=MAX_BAND_SAMPLES).contains(n));
+        let width_nm = width.map(|nm: &str| bounded(BAND_WIDTH_NM)(nm)).transpose()?;
+        Ok(Self { count: count.ok_or(expected)?, width_nm })
+    }
 }
 
 impl TracingArgs {
@@ -51,7 +93,7 @@ impl TracingArgs {
     }
 
     /// The flags of this group.
-    pub const FLAGS: [&str; 7] = [
+    pub const FLAGS: [&str; 8] = [
         "--image-plane",
         "--aiming",
         "--configuration",
@@ -59,12 +101,26 @@ impl TracingArgs {
         "--coatings",
         "--energy",
         "--max-window-px",
+        "--band-samples",
     ];
+
+    /// `--band-samples` for more than one wavelength.
+    pub fn integrated_bands(&self) -> Option<BandSamplesArg> {
+        self.band_samples.filter(|bands| bands.count > 1)
+    }
 
     /// Those of [`TracingArgs::FLAGS`] that are given.
     pub fn given(&self) -> Vec<&'static str> {
-        let Self { image_plane, aiming, configuration, glass_catalog, coatings, energy, max_window_px } =
-            self;
+        let Self {
+            image_plane,
+            aiming,
+            configuration,
+            glass_catalog,
+            coatings,
+            energy,
+            max_window_px,
+            band_samples: _,
+        } = self;
         let is_given = [
             *image_plane != ImagePlaneArg::default(),
             aiming.is_some(),
@@ -73,6 +129,7 @@ impl TracingArgs {
             *coatings != CoatingsArg::Ideal,
             energy.is_some(),
             max_window_px.is_some(),
+            self.integrated_bands().is_some(),
         ];
         std::iter::zip(Self::FLAGS, is_given)
             .filter(|(_, is_given)| *is_given)

@@ -68,6 +68,9 @@ pub fn identity(
     }
     map.extend(veil::identity(args, frame));
     map.extend(inputs.ghosts.iter().map(|ghosts| ("ghosts".to_owned(), ghosts.clone())));
+    if let Some(bands) = args.tracing.integrated_bands() {
+        map.insert("band_samples".into(), json!({ "count": bands.count, "width_nm": bands.width_nm }));
+    }
     // Absent for all bits: the identity is then that of programs without this option.
     if let Some(bits) = keep_bits {
         map.insert("keep_bits".into(), bits.into());

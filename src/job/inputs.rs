@@ -91,6 +91,7 @@ impl Inputs {
         let frame = frame(&args.placement, named)?;
         let field_height_mm = field_height_mm(&lens)?;
         let selected_nm = selected_bands.iter().map(|&b| all_nm[b]).collect();
+        let lens = lens.with_bands_of(&all_nm, !surfaces.is_empty())?;
         let nodes = lens.depth_nodes(&args.lens, !surfaces.is_empty())?;
         let (depth, depth_notes) = match surfaces.is_empty() {
             true => (None, Vec::new()),

@@ -1,6 +1,7 @@
 //! Lens of a run: a pack, or a design traced at the wavelengths of the job ([`tracing`]).
 
 pub mod attributes;
+mod band_widths;
 mod blur;
 pub mod cache;
 pub mod depth_nodes;
@@ -18,6 +19,7 @@ use crate::design::{self, DesignFile};
 use crate::failure::usage;
 use crate::open;
 use anyhow::{Context, Result};
+use band_widths::BandWidths;
 pub use estimate::estimated;
 use formats::lens::{LensPack, LensPackError};
 use pipeline::band::{LensBands, Options};
@@ -61,6 +63,8 @@ pub struct UntracedDesign {
     pub file: Option<DesignFile>,
     /// How it is traced; none in commands without these flags, by which it is traced as by default.
     pub tracing: Option<TracingArgs>,
+    /// Widths of its bands; none if a band is one wavelength.
+    bands: Option<BandWidths>,
 }
 
 impl UntracedLens {
@@ -82,7 +86,7 @@ impl UntracedLens {
         if design::is_design(name) {
             let (system, file) = design::focused(name, &tracing.design(&given.gap), given.focus_m)?;
             let (name, tracing) = (name.to_owned(), Some(tracing.clone()));
-            return Ok(Self::Design(Box::new(UntracedDesign { system, name, file, tracing })));
+            return Ok(Self::Design(Box::new(UntracedDesign { system, name, file, tracing, bands: None })));
         }
         let pack = Box::new(open::lens(name)?);
         if let [flags @ .., last] = &tracing.given()[..] {
@@ -96,6 +100,21 @@ impl UntracedLens {
             true => Err(usage(format!(
                 "--focus-m, --gap and --depth-tolerance are for designs; lens `{name}` is a lens pack, whose focus and depth nodes were set when it was traced"
             ))),
+        }
+    }
+
+    /// The lens for the bands of a chart at `chart_nm`, which `--band-samples` integrates over their widths.
+    ///
+    /// # Errors
+    /// Usage: a band without a width; with surfaces at several distances (`has_depth`).
+    pub fn with_bands_of(self, chart_nm: &[f64], has_depth: bool) -> Result<Self> {
+        match self {
+            Self::Design(design) => {
+                let asked = design.tracing.as_ref().and_then(TracingArgs::integrated_bands);
+                let bands = asked.map(|asked| BandWidths::new(asked, chart_nm, has_depth)).transpose()?;
+                Ok(Self::Design(Box::new(UntracedDesign { bands, ..*design })))
+            }
+            pack => Ok(pack),
         }
     }
 
@@ -229,7 +248,7 @@ impl JobLens {
         match input {
             UntracedLens::Pack(pack) => Ok(Self::Pack(Arc::from(pack))),
             UntracedLens::Design(design) => {
-                let UntracedDesign { system, name, file, tracing } = *design;
+                let UntracedDesign { system, name, file, tracing, bands } = *design;
                 let job = TracingJob {
                     system: &system,
                     name: &name,
@@ -237,6 +256,7 @@ impl JobLens {
                     options,
                     tracing: tracing.as_ref(),
                     depth,
+                    bands: bands.as_ref(),
                 };
                 let traced = self::tracing::trace(&job, wavelengths_nm, threads);
                 let traced = traced.with_context(|| format!("tracing {name}"));

@@ -97,7 +97,8 @@ impl Opened {
     /// # Errors
     /// They cannot be opened; the film's pitch is not known.
     pub fn new(args: &DepthReportArgs) -> Result<Self> {
-        let lens = UntracedLens::open_focused(&args.lens, &args.surfaces, &args.tracing)?;
+        let lens = UntracedLens::open_focused(&args.lens, &args.surfaces, &args.tracing)?
+            .with_bands_of(&[], true)?;
         let (chart, paths) = scene(args)?;
         let named = Named { chart_name: &args.scene, chart: &chart, lens_name: &args.lens, lens: &lens };
         let frame = frame(&args.placement, named)?;

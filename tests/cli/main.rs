@@ -5,6 +5,7 @@ mod common;
 
 mod addresses;
 mod bad_input;
+mod band_samples;
 mod bounds;
 mod check_input;
 mod depth;

@@ -4,12 +4,13 @@ use std::f64::consts::PI;
 
 use lenscube_pipeline::design::film_pixel::FilmPixels;
 use lenscube_pipeline::design::glass::{Dispersion, Glass};
+use lenscube_pipeline::design::illumination::irradiance_sr;
 use lenscube_pipeline::design::paraxial::Paraxial;
 use lenscube_pipeline::design::psf::{PsfGrid, PsfScratch, PupilFunction};
 use lenscube_pipeline::design::ray::Tracer;
 use lenscube_pipeline::design::system::{Aperture, Medium, Surface};
 use lenscube_pipeline::design::trace::{
-    Azimuths, LensTrace, PsfHeights, SharedNodes, TraceOptions, TracedBand, lens_header,
+    Azimuths, BandRange, LensTrace, PsfHeights, SharedNodes, TraceOptions, TracedBand, lens_header,
 };
 use lenscube_pipeline::design::{DesignError, System, trace_lens};
 
@@ -216,4 +217,76 @@ fn window_that_cannot_hold_the_light_is_an_error_before_any_psf() {
     let error = LensTrace::new(&system, &options).unwrap().band(0, &mut |_| ()).unwrap_err();
     assert!(matches!(error, DesignError::Window { max_px: 401, held, .. } if held < 0.9), "{error}");
     assert!(error.to_string().contains("--energy") && start.elapsed().as_secs() < 5);
+}
+
+/// A band of the Double Gauss at 410 nm with fixed nodes and window.
+fn blue(range: Option<BandRange>) -> TracedBand {
+    let mut options = TraceOptions::new(vec![410.0], 18.0);
+    options.heights = PsfHeights::Given(vec![0.0, 9.0, 18.0]);
+    options.azimuths = Azimuths::Given(8);
+    options.window_px = Some(81);
+    LensTrace::new(&System::double_gauss_28(), &options).unwrap().over(range).band(0, &mut |_| ()).unwrap()
+}
+
+#[test]
+fn a_band_of_no_width_is_that_of_its_wavelength() {
+    let (plain, mean) = (blue(None), blue(Some(BandRange { from_nm: 410.0, to_nm: 410.0, samples: 3 })));
+    assert_eq!(mean.tables.image_height_mm, plain.tables.image_height_mm);
+    assert_eq!(mean.tables.psf_pitch_um, plain.tables.psf_pitch_um);
+    for (a, b) in mean.tables.relative_illumination.iter().zip(&plain.tables.relative_illumination) {
+        assert!((a - b).abs() < 1e-12, "{a} {b}");
+    }
+    assert!((mean.tables.solid_angle_sr / plain.tables.solid_angle_sr - 1.0).abs() < 1e-12);
+    let l1: f32 = mean.psf.samples.iter().zip(&plain.psf.samples).map(|(a, b)| (a - b).abs()).sum();
+    // Sums of three in f32, and the sum's own rounding to 16 bits.
+    assert!(mean.psf.samples.len() == plain.psf.samples.len() && l1 < 3.0 * 2e-5, "{l1:e}");
+}
+
+#[test]
+fn psfs_of_a_band_lie_where_the_chief_rays_of_its_wavelengths_land() {
+    // To one side of the band's wavelength, so that all are shifted in one direction.
+    let range = BandRange { from_nm: 420.0, to_nm: 480.0, samples: 2 };
+    let mean = blue(Some(range));
+    let system = System::double_gauss_28();
+    let own = Tracer::new(&system, 0.41).unwrap();
+    let n = mean.tables.psf_size;
+    let grid = PsfGrid::new(n / 2, mean.tables.psf_pitch_um);
+    // Sum, and first moment in µm.
+    let moments = |psf: &mut dyn Iterator<Item = f64>| {
+        let x_um = |i: usize| ((i % n) as f64 - (n / 2) as f64) * grid.pitch_um();
+        psf.enumerate().fold((0.0, 0.0), |(sum, moment), (i, v)| (sum + v, moment + v * x_um(i)))
+    };
+    for (k, height_mm) in [0.0, 9.0, 18.0].into_iter().enumerate() {
+        let tan = own.field_of_height(height_mm).unwrap();
+        let (mut expected, mut light, mut shift_um) = (0.0, 0.0, 0.0);
+        for (nm, weight) in range.wavelengths_nm() {
+            let tracer = Tracer::new(&system, nm / 1e3).unwrap();
+            let f = PupilFunction::trace(&tracer, tan).unwrap();
+            let (sum, moment) = moments(&mut grid.psf(&f, 0.0, &mut PsfScratch::default()).into_iter());
+            let shift = 1e3 * (tracer.chief_height_mm(tan).unwrap() - height_mm);
+            let share = weight * irradiance_sr(&tracer, tan).unwrap();
+            expected += share * (moment + shift * sum);
+            light += share * sum;
+            shift_um += 0.5 * shift;
+        }
+        let (sum, moment) = moments(&mut mean.psf.window(k).iter().map(|v| f64::from(*v)));
+        let (found, expected) = (moment / sum, expected / light);
+        println!("{height_mm} mm: {found:.4} µm, expected {expected:.4}, mean shift {shift_um:.3}");
+        // Light that a shift moves over the border of the window.
+        assert!(
+            (found - expected).abs() < 0.05 * shift_um.abs() + 1e-3,
+            "{height_mm} mm: {found} {expected}"
+        );
+    }
+    // A uniform chart: the mean of the irradiances, at the same place of the film.
+    let light = |um: f64, h: f64| {
+        let tracer = Tracer::new(&system, um).unwrap();
+        irradiance_sr(&tracer, tracer.field_of_height(h).unwrap()).unwrap()
+    };
+    let [from, to] = [0.420, 0.480].map(|um| light(um, 0.0));
+    let found = mean.tables.solid_angle_sr * mean.tables.transmission;
+    assert!(
+        from.min(to) * (1.0 - 1e-3) < found && found < from.max(to) * (1.0 + 1e-3),
+        "{found} {from} {to}"
+    );
 }

@@ -1,6 +1,7 @@
 """Films of one wavelength for a band against means over its width.
 
-    python3 measure.py LENSCUBE FOLDER
+    python3 measure.py LENSCUBE FOLDER                      # measured.json
+    python3 measure.py LENSCUBE FOLDER --band-samples       # integrated.json: films of --band-samples 2, 3 and 4 against the same means
 
 The band of width w nm about λ is the mean of the films of λ - w/2 ... λ + w/2 in steps of 1 nm, the two ends with half weight: light of equal
 power per nm through a band-pass filter. The other film has the whole band at λ, as `lenscube run` computes it. Discs of 18 px, one every 40 to 110 px,
@@ -23,12 +24,12 @@ LENSES = {"double-gauss-28": (99.50, 14.0, 14000), "phone": (3.91, 22.0, 1400), 
 SIZE, PITCH_UM = 256, 2.0
 
 
-def films(program, folder, lens, side, wavelength, corner):
-    path = folder / f"{lens}-{wavelength}-{corner}.zarr"
+def films(program, folder, lens, side, wavelength, corner, flags=()):
+    path = folder / f"{lens}-{wavelength}-{corner}{''.join(flags)}.zarr"
     if not path.exists():
         chart = f"gen:dot-grid?size={side}&count={min(128, side // 40)}&width_px=18&wavelengths={wavelength - 10}:{wavelength + 10}:1"
         subprocess.run([program, "run", chart, path, "--lens", lens, "--film-pitch-um", str(PITCH_UM), "--roi", f"{corner},{corner},{SIZE},{SIZE}",
-                        "--quiet", "--no-fsync"], check=True)
+                        "--quiet", "--no-fsync", *flags], check=True)
     stack = np.asarray(zarr.open(path)["roi_0"], dtype=float)
     return stack / stack.max(axis=(1, 2), keepdims=True)  # the chart has the spectrum of daylight: here equal power at all wavelengths
 
@@ -53,8 +54,33 @@ def best_shift(wanted, image):
     return total, moved
 
 
+def integrated(program, folder):
+    """Largest differences, share of white, of bands of 10 and 20 nm at 410 nm: one wavelength, and several."""
+    rows = []
+    for lens, (focal_mm, field_deg, side) in LENSES.items():
+        height_px = 0.7 * focal_mm * math.tan(math.radians(field_deg)) * 1000 / PITCH_UM
+        middle = (side - SIZE) // 2
+        for place, corner in {"axis": middle, "0.7 field": middle - round(height_px / math.sqrt(2))}.items():
+            stack = films(program, folder, lens, side, 410, corner)
+            for width in (10, 20):
+                weights = np.zeros(21)
+                weights[10 - width // 2 : 10 + width // 2 + 1] = 1
+                weights[[10 - width // 2, 10 + width // 2]] = 0.5
+                mean = np.tensordot(weights / weights.sum(), stack, 1)
+                row = dict(lens=lens, place=place, wavelength_nm=410, width_nm=width, one=float(abs(stack[10] - mean).max()))
+                for samples in (2, 3, 4):
+                    flags = ("--bands", "410", "--band-samples", f"{samples},width={width}")
+                    film = films(program, folder, lens, side, 410, corner, flags)[0]
+                    row[f"samples_{samples}"] = float(abs(film - mean).max())
+                rows.append(row)
+                print(row, flush=True)
+    Path(__file__).with_name("integrated.json").write_text(json.dumps(rows, indent=1) + "\n")
+
+
 def main():
     program, folder = sys.argv[1], Path(sys.argv[2])
+    if "--band-samples" in sys.argv:
+        return integrated(program, folder)
     rows = []
     for lens, (focal_mm, field_deg, side) in LENSES.items():
         height_px = 0.7 * focal_mm * math.tan(math.radians(field_deg)) * 1000 / PITCH_UM

@@ -15,7 +15,7 @@ use anyhow::{Context, Result, bail};
 use formats::durable::{self, HashedFile};
 use formats::lens::{LensPack, LensPackWriter, PackAttributes};
 use pipeline::design::depth::trace::DepthOptions;
-use pipeline::design::trace::{NODES_VERSION, TRACER_VERSION, TraceOptions};
+use pipeline::design::trace::{BandRange, NODES_VERSION, TRACER_VERSION, TraceOptions};
 use pipeline::design::{DesignError, System};
 use pipeline::lens::Lens;
 use serde_json::json;
@@ -27,6 +27,9 @@ const EXTENSION: &str = ".lens.zip";
 /// Keys of the recipe and of the digest of the values in the `source` attribute of an entry.
 const RECIPE: &str = "recipe";
 const VALUES: &str = "values";
+
+/// Incremented when the digest of the same values of a band with depth nodes changes.
+const DEPTH_VALUES_VERSION: u32 = 2;
 
 /// Directory of traced bands.
 pub struct Cache {
@@ -44,15 +47,26 @@ pub fn directory() -> Option<PathBuf> {
 pub type WriteBand<'a> =
     &'a mut dyn FnMut(&mut LensPackWriter) -> Result<(Lens, PackAttributes, Option<String>)>;
 
-/// Digest of all inputs of a traced band. `options` must hold its wavelength only; `depth`: it is traced at depth nodes of these vergences, or, without
-/// any, its nodes are placed.
-pub fn recipe(system: &System, options: &TraceOptions, depth: Option<(&DepthOptions, &[f64])>) -> String {
+/// Digest of all inputs of a traced band. `options` must hold its wavelength only; `range`: its tables and PSFs are means over this; `depth`: it is traced at
+/// depth nodes of these vergences, or, without any, its nodes are placed.
+pub fn recipe(
+    system: &System,
+    options: &TraceOptions,
+    range: Option<BandRange>,
+    depth: Option<(&DepthOptions, &[f64])>,
+) -> String {
     let system = system.identity();
     let mut text = format!(
         "lenscube traced band, tracer {TRACER_VERSION}, nodes {NODES_VERSION}\n{system}\n{options:?}\n"
     );
+    if let Some(range) = range {
+        text.push_str(&format!("{range:?}\n"));
+    }
     if let Some((depth, nodes)) = depth {
         text.push_str(&format!("{depth:?}\n{nodes:?}\n"));
+        if !nodes.is_empty() {
+            text.push_str(&format!("values {DEPTH_VALUES_VERSION}\n"));
+        }
     }
     blake3::hash(text.as_bytes()).to_hex().to_string()
 }

@@ -49,7 +49,15 @@ pub fn estimated(
     options: &Options,
     traced_for: TracedFor<'_>,
 ) -> Result<EstimatedLens> {
-    let job = TracingJob { system, name, frame, options, tracing: Some(tracing), depth: Some(traced_for) };
+    let job = TracingJob {
+        system,
+        name,
+        frame,
+        options,
+        tracing: Some(tracing),
+        depth: Some(traced_for),
+        bands: None,
+    };
     let nm = system.primary_um() * 1e3;
     let at_primary = trace_options(nm, 1.0, &job);
     check_blur(&job, &traced_for, &at_primary)?;
@@ -109,18 +117,11 @@ fn tables(system: &System, nm: f64, reach_mm: f64) -> Result<LensBand> {
     let image_height_mm = spaced(FIELD_POINTS, reach_mm);
     let ideal = |r: &f64| Ok(tracer.field_of_height(*r)? * tracer.ideal_scale_mm().abs());
     Ok(LensBand {
-        wavelength_nm: nm,
         ideal_height_mm: image_height_mm.iter().map(ideal).collect::<Result<_>>()?,
-        image_height_mm,
-        relative_illumination: vec![1.0; FIELD_POINTS],
         psf_height_mm: Vec::new(),
         azimuth_count: Vec::new(),
-        psf_size: 1,
-        psf_pitch_um: 1.0,
         psf_energy: Vec::new(),
-        solid_angle_sr: 1.0,
-        transmission: 1.0,
-        tail: None,
+        ..LensBand::ideal(nm, image_height_mm)
     })
 }
 

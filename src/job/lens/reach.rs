@@ -169,6 +169,7 @@ mod tests {
             options: &options,
             tracing: None,
             depth: None,
+            bands: None,
         };
         let reach = Reach { field_mm, steps_mm: steps_mm.to_vec(), ..Reach::new(&job, 0.0).unwrap() };
         reach.of(&Tracer::new(&system, 0.55).unwrap(), film_mm)

@@ -141,6 +141,7 @@ pub(super) fn trace(job: &TracingJob<'_>, wavelengths_nm: &[f64], threads: usize
             tracer.cache.dir().display()
         ));
     }
+    details.extend(job.bands.map(|bands| bands.described(&nm)).transpose()?);
     let tolerance = TraceOptions::new(Vec::new(), 0.0).psf_tolerance;
     let percent = |share: f64| format!("{:.2} %", 100.0 * share);
     if coarsest.0 > tolerance && percent(coarsest.0) != percent(tolerance) {
@@ -280,7 +281,8 @@ impl BandTracer<'_> {
         if let Some(depth) = &depth {
             return self.depth_band(options, depth, &with);
         }
-        let recipe = cache::recipe(system, options, None);
+        let range = self.job.bands.map(|bands| bands.of(nm)).transpose()?;
+        let recipe = cache::recipe(system, options, range, None);
         if let Some(pack) = self.cache.find(&recipe, nm) {
             return Ok((recipe, pack));
         }
@@ -292,13 +294,13 @@ impl BandTracer<'_> {
         let (bar, threads, shared) = (&self.bar, self.threads, &mut self.shared);
         let mut progress = |p: Progress| bar.step(format!("{nm} nm: {} ({} PSFs)", p.step, p.psfs));
         let (header, band) = with_threads(threads, || {
-            let trace = LensTrace::new(system, options)?;
+            let trace = LensTrace::new(system, options)?.over(range);
             let band = trace.band_sharing(0, shared, &mut progress)?;
             Ok::<_, DesignError>((trace.header(), band))
         })?;
         let lens = Lens { bands: vec![band.tables.clone()], ..header };
         let values = band_digest(&lens, 0, &band.psf);
-        let stores_pupils = size_of_val(&band.psf.samples[..]) > MAX_PSF_BYTES;
+        let stores_pupils = range.is_none() && size_of_val(&band.psf.samples[..]) > MAX_PSF_BYTES;
         let pack = self.cache.insert(&recipe, &mut |pack| {
             match stores_pupils {
                 true => pack.pupils(0, &band.pupils)?,

@@ -3,6 +3,7 @@
 //! The *trace pitch* is the film's pitch rounded down to ten steps per decade and at most 50 µm: larger pixels only average over more. Coarser
 //! pixels need fewer nodes and admit wider PSFs.
 
+use super::band_widths::BandWidths;
 use crate::args::TracingArgs;
 use pipeline::band::{BandPlan, Options};
 use pipeline::depth::plan::Surfaces;
@@ -45,6 +46,8 @@ pub(super) struct TracingJob<'a> {
     pub(super) tracing: Option<&'a TracingArgs>,
     /// Surfaces at several distances.
     pub(super) depth: Option<TracedFor<'a>>,
+    /// Widths of the bands; none if a band is one wavelength.
+    pub(super) bands: Option<&'a BandWidths>,
 }
 
 impl TracingJob<'_> {

@@ -14,9 +14,14 @@
 //! over its nodes is a nonuniform FFT ([`super::nufft`]). Tests: the same sum without FFT.
 //! Source: Welford, chapter 4 (path); Goodman, Introduction to Fourier Optics, 3.10 (angular spectrum). Scalar; one polarisation.
 
+use std::f64::consts::TAU;
+
+use rustfft::num_complex::Complex;
+
 use super::nufft::{Nufft, NufftScratch, Point};
 use super::wavelets::Wavelet;
 use crate::design::pupil::function::PupilFunction;
+use crate::real;
 
 /// Computes PSFs on a window of n × n samples at one pitch.
 #[derive(Debug)]
@@ -76,6 +81,24 @@ impl PsfGrid {
         let mirrored = azimuth_rad == 0.0;
         let wavelets = f.wavelets(self.reach_um(), azimuth_rad, !mirrored);
         self.sum(f, &wavelets, mirrored, scratch, out);
+    }
+
+    /// The PSF shifted by `shift_um` along +x, as shares of the total energy per sample, into `out`.
+    pub(in crate::design) fn shifted_into(
+        &self,
+        f: &PupilFunction,
+        shift_um: f64,
+        scratch: &mut PsfScratch,
+        out: &mut Vec<f32>,
+    ) {
+        let k = TAU / f.wavelength_um;
+        // The samples see the pupil from this much farther.
+        let mut wavelets = f.wavelets(self.reach_um() + shift_um.abs(), 0.0, false);
+        for wavelet in &mut wavelets {
+            let (sin, cos) = real::sin_cos(-k * wavelet.l * shift_um);
+            wavelet.c *= Complex::new(cos, sin);
+        }
+        self.sum(f, &wavelets, true, scratch, out);
     }
 
     /// [`PsfGrid::psf_into`] from the wavelets of `f` for this window, with their mirror images if `mirrored`.

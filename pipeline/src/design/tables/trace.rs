@@ -9,6 +9,8 @@
 
 use rayon::prelude::*;
 
+pub use super::band_mean::BandRange;
+use super::band_mean::{BandSampling, BandTracers};
 pub use super::estimate::Estimate;
 use super::grid::{self, Chosen};
 use super::kernels::Kernels;
@@ -16,6 +18,7 @@ pub use super::options::{Azimuths, MAX_NODES, PsfHeights, TraceOptions};
 pub use super::refine::NodeError;
 pub use super::shared_nodes::{SharedNodes, node_wavelengths};
 use super::window::{Windows, core_samples, half_samples, window};
+use crate::bounds::TRANSMISSION;
 use crate::design::prescription::error::DesignError;
 use crate::design::prescription::system::System;
 use crate::design::psf::pupil_stack::{PupilStack, normalise};
@@ -27,9 +30,6 @@ use crate::design::pupil::pupils::Pupils;
 use crate::design::rays::paraxial::Paraxial;
 use crate::design::rays::ray::Tracer;
 use crate::lens::{Lens, LensBand, PsfSample, PsfStack};
-
-/// Transmission at or below which a lens is dark: relative illumination and PSFs would be lost in rounding.
-const LEAST_TRANSMISSION: f64 = 1e-100;
 
 /// Incremented when the results for the same design and options change.
 pub const TRACER_VERSION: u32 = 8;
@@ -71,7 +71,7 @@ pub struct TracedBand {
     pub tables: LensBand,
     /// Its PSFs.
     pub psf: PsfStack,
-    /// The pupil functions of its PSFs.
+    /// The pupil functions of its PSFs; without heights for means over a band's width.
     pub pupils: PupilStack,
     /// Report on the choice of window and nodes.
     pub report: BandReport,
@@ -114,6 +114,7 @@ pub struct LensTrace<'a> {
     pub(super) options: &'a TraceOptions,
     primary: Paraxial,
     tails: bool,
+    band: Option<BandRange>,
 }
 
 impl<'a> LensTrace<'a> {
@@ -128,13 +129,19 @@ impl<'a> LensTrace<'a> {
         for nm in &options.wavelengths_nm {
             Tracer::new(system, nm / 1e3)?.field_of_height(options.max_height_mm)?;
         }
-        Ok(Self { system, options, primary, tails: false })
+        Ok(Self { system, options, primary, tails: false, band: None })
     }
 
     /// With the tails of PSFs beyond their windows, if `tails`: nodes, windows and PSFs are the same.
     #[must_use]
     pub fn with_tails(self, tails: bool) -> Self {
         Self { tails, ..self }
+    }
+
+    /// With tables and PSFs that are means over `band`, if any: of the trace of one band, whose wavelength is that of distortion and nodes. Without tails.
+    #[must_use]
+    pub fn over(self, band: Option<BandRange>) -> Self {
+        Self { band, ..self }
     }
 
     /// The lens without its bands.
@@ -199,20 +206,46 @@ impl<'a> LensTrace<'a> {
         };
         report_step("chief rays", 0);
         let [ideal, real, light] = self.dense(&tracer)?;
-        let transmission = transmission(&tracer, light[0])?;
+        let tracers = self.band.map(|range| BandTracers::new(self.system, &tracer, range)).transpose()?;
+        let (light, transmission, of_band) = match &tracers {
+            None => {
+                let transmission = transmission(&tracer, light[0])?;
+                (light, transmission, None)
+            }
+            Some(tracers) => {
+                let found = tracers.light(&self.tans(&tracer)?)?;
+                (found.sum.clone(), found.transmission, Some((tracers, found)))
+            }
+        };
         let mut sampled = self.sampled(&tracer, &mut report_step)?;
         let chosen = choose(&mut sampled, &mut report_step)?;
+        if let Some((tracers, _)) = &of_band {
+            report_step("window of the band", 0);
+            let own = BandSampling { pitch_um: sampled.grid.pitch_um(), window_px: sampled.window_px };
+            let BandSampling { pitch_um, window_px } = tracers.sampling(options, &sampled.first, own)?;
+            sampled.window_px = window_px;
+            sampled.grid = PsfGrid::new(half_samples(window_px, options.film_pitch_um, pitch_um), pitch_um);
+        }
         let Sampled { mut pupils, grid, window_px, first, .. } = sampled;
-        let tail = self.tails.then(|| {
+        let tail = (self.tails && of_band.is_none()).then(|| {
             report_step("tails", 0);
             band_tail(&pupils, &first, (grid.size(), grid.pitch_um()), tracer.surfaces())
         });
         report_step("PSFs", 0);
-        pupils.keep(&chosen.heights);
-        pupils.prepare(chosen.heights.iter().copied())?;
-        let stack = stack(&pupils, &grid, &chosen.heights);
-        report_step("PSFs", chosen.heights.len());
-        let pupils = PupilStack::new(&grid, pupils.into_functions(&chosen.heights));
+        let (stack, pupils) = match &of_band {
+            None => {
+                pupils.keep(&chosen.heights);
+                pupils.prepare(chosen.heights.iter().copied())?;
+                let stack = stack(&pupils, &grid, &chosen.heights);
+                (stack, PupilStack::new(&grid, pupils.into_functions(&chosen.heights)))
+            }
+            Some((tracers, light)) => {
+                drop(pupils);
+                let stack = tracers.stack(&grid, (&first, &chosen.heights), (&real, light))?;
+                (stack, PupilStack::new(&grid, Vec::new()))
+            }
+        };
+        report_step("PSFs", chosen.heights.len() * self.band.map_or(1, |band| band.samples));
         let report = BandReport {
             wavelength_nm: nm,
             psf_error: chosen.error,
@@ -290,9 +323,7 @@ impl<'a> LensTrace<'a> {
 
     /// Ideal heights, real heights and G of [`crate::design::illumination`], evenly spaced in ideal height.
     pub(super) fn dense(&self, tracer: &Tracer<'_>) -> Result<[Vec<f64>; 3], DesignError> {
-        let last = tracer.field_of_height(self.options.max_height_mm)?;
-        let points = self.options.field_points;
-        let tans: Vec<f64> = (0..points).map(|i| last * i as f64 / (points - 1) as f64).collect();
+        let tans = self.tans(tracer)?;
         let real: Result<Vec<f64>, DesignError> =
             tans.par_iter().map(|t| tracer.chief_height_mm(*t)).collect();
         let mut real = real?;
@@ -309,6 +340,13 @@ impl<'a> LensTrace<'a> {
         Ok([tans.iter().map(|t| t * tracer.ideal_scale_mm()).collect(), real, light])
     }
 
+    /// The tangents of the field angles of the dense tables.
+    fn tans(&self, tracer: &Tracer<'_>) -> Result<Vec<f64>, DesignError> {
+        let last = tracer.field_of_height(self.options.max_height_mm)?;
+        let points = self.options.field_points;
+        Ok((0..points).map(|i| last * i as f64 / (points - 1) as f64).collect())
+    }
+
     fn pitch<'p>(&self, pupils: impl Iterator<Item = &'p PupilFunction>) -> Result<f64, DesignError> {
         let nyquist = pupils.map(PupilFunction::nyquist_um).fold(f64::INFINITY, f64::min);
         match self.options.psf_pitch_um {
@@ -318,9 +356,14 @@ impl<'a> LensTrace<'a> {
                 expected: "one finer than Nyquist, λN/2 of the widest cone",
             }),
             Some(pitch) => Ok(pitch),
-            None => Ok(self.options.film_pitch_um / (self.options.film_pitch_um / (0.9 * nyquist)).ceil()),
+            None => Ok(pitch_below(self.options, nyquist)),
         }
     }
+}
+
+/// The largest part of the film pitch, µm, that is 10 % finer than `nyquist_um`.
+pub(super) fn pitch_below(options: &TraceOptions, nyquist_um: f64) -> f64 {
+    options.film_pitch_um / (options.film_pitch_um / (0.9 * nyquist_um)).ceil()
 }
 
 /// The lens of `system` without bands.
@@ -391,8 +434,12 @@ pub(super) fn transmission(tracer: &Tracer<'_>, light: f64) -> Result<f64, Desig
     if !tracer.has_losses() {
         return Ok(1.0);
     }
-    let transmission = light / irradiance_sr(&tracer.without_losses(), 0.0)?;
-    match transmission > LEAST_TRANSMISSION {
+    within_dark(tracer, light / irradiance_sr(&tracer.without_losses(), 0.0)?)
+}
+
+/// `transmission`, unless the lens is dark.
+pub(super) fn within_dark(tracer: &Tracer<'_>, transmission: f64) -> Result<f64, DesignError> {
+    match transmission >= TRANSMISSION.min {
         true => Ok(transmission),
         false => Err(DesignError::Dark { wavelength_um: tracer.wavelength_um }),
     }

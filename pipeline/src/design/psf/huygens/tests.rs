@@ -50,3 +50,22 @@ fn nufft_psf_equals_the_direct_sum() {
         assert!(worst < 1e-5 && l1 < 1e-5, "{um} µm: {worst:.2e} of the peak, L1 {l1:.2e}");
     }
 }
+
+#[test]
+fn shift_by_whole_samples_moves_the_psf_towards_x() {
+    let system = System::double_gauss_28();
+    let tracer = Tracer::new(&system, 0.41).unwrap();
+    let f = PupilFunction::trace(&tracer, 0.18).unwrap();
+    let (half, pitch_um, steps) = (14, 0.5, 3);
+    let (n, grid) = (2 * half + 1, PsfGrid::new(half, pitch_um));
+    let (mut scratch, mut plain, mut shifted) = (PsfScratch::default(), Vec::new(), Vec::new());
+    grid.psf_into(&f, 0.0, &mut scratch, &mut plain);
+    grid.shifted_into(&f, steps as f64 * pitch_um, &mut scratch, &mut shifted);
+    let peak = plain.iter().fold(0.0_f32, |a, v| a.max(*v));
+    for y in 0..n {
+        for x in steps..n {
+            let difference = (shifted[y * n + x] - plain[y * n + x - steps]).abs();
+            assert!(difference < 2e-5 * peak, "{y}, {x}: {difference:e} of {peak:e}");
+        }
+    }
+}
