@@ -103,7 +103,7 @@ mod write;
 
 pub use array::MAX_SAMPLES as MAX_ARRAY_SAMPLES;
 pub use attributes::{DEPTH_SCHEMA, PUPIL_SCHEMA, PackAttributes, SCHEMA};
-pub use digest::band_digest;
+pub use digest::{DepthBandValues, band_digest};
 pub use error::LensPackError;
 pub use pack::{LensPack, builtin, builtin_names};
 pub use summary::{BandSummary, LensSummary, summary};

@@ -66,6 +66,35 @@ pub(super) fn depth_band_digest<E>(
     Ok(h.finalize().to_hex().to_string())
 }
 
+/// Digest of a band with depth nodes whose PSFs become known one node after the other, before its tables: other than that of the same band in a pack.
+#[derive(Default)]
+pub struct DepthBandValues(blake3::Hasher);
+
+impl DepthBandValues {
+    /// Adds the PSFs of the next node.
+    pub fn add_node(&mut self, stack: &PsfStack) {
+        add_samples(&mut self.0, stack);
+    }
+
+    /// The digest, with the numbers of `lens`, which has one band.
+    pub fn digest(mut self, lens: &Lens) -> String {
+        let h = &mut self.0;
+        for (b, band) in lens.bands.iter().enumerate() {
+            add_tables(h, band);
+            add_tail(h, band);
+            let Some(depth) = &lens.depth else { continue };
+            let nodes = &depth.bands[b];
+            h.update(b"depth nodes\n");
+            add_f64(h, &[depth.focus_distance_m, depth.blur_per_dioptre_um]);
+            add_counts(h, &[nodes.nodes.len()]);
+            add_f64(h, &nodes.pupil_shift_mm);
+            add_f64(h, &nodes.vergence);
+            (0..nodes.nodes.len()).for_each(|node| add_tables(h, &nodes.at_node(band, node)));
+        }
+        self.0.finalize().to_hex().to_string()
+    }
+}
+
 /// Digest of a lens with depth nodes from those of its bands.
 pub(super) fn depth_digest<E>(
     lens: &Lens,
@@ -104,11 +133,15 @@ fn hasher_with_head(lens: &Lens, bands: usize) -> blake3::Hasher {
 
 fn add_band(h: &mut blake3::Hasher, band: &LensBand, stack: &PsfStack) {
     add_tables(h, band);
+    add_samples(h, stack);
+    add_tail(h, band);
+}
+
+fn add_samples(h: &mut blake3::Hasher, stack: &PsfStack) {
     for samples in stack.samples.chunks(BUFFER_SAMPLES) {
         let bytes: Vec<u8> = samples.iter().flat_map(|v| v.to_le_bytes()).collect();
         h.update(&bytes);
     }
-    add_tail(h, band);
 }
 
 /// The section of a band's tail, only if it has one.

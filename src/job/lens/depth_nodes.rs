@@ -12,7 +12,7 @@ use crate::job::lens::cache;
 use crate::progress::{detail_line, log_line, number};
 use anyhow::Result;
 use formats::durable::free_bytes;
-use formats::lens::{LensPack, PackAttributes};
+use formats::lens::{DepthBandValues, LensPack, PackAttributes};
 use pipeline::design::DesignError;
 use pipeline::design::depth::estimate::DepthEstimate;
 use pipeline::design::depth::estimate::estimate;
@@ -31,14 +31,6 @@ const PSF_S: f64 = 0.012;
 /// Seconds of one core from which on the trace of a band is announced.
 const LONG_S: f64 = 10.0;
 
-/// Adds the samples of `stack` to a digest.
-fn add_samples(digest: &mut blake3::Hasher, stack: &PsfStack) {
-    for samples in stack.samples.chunks(1 << 14) {
-        let bytes: Vec<u8> = samples.iter().flat_map(|v| v.to_le_bytes()).collect();
-        digest.update(&bytes);
-    }
-}
-
 impl BandTracer<'_> {
     /// Band with the depth nodes that the surfaces of `depth` need, from the cache, or traced and stored there; `with` makes its attributes.
     pub(super) fn depth_band(
@@ -54,7 +46,7 @@ impl BandTracer<'_> {
         let count = all.vergence.len();
         let placement = all.only(&in_use);
         detail_line(format!("{nm} nm: {} of {count} depth nodes are needed", placement.vergence.len()));
-        let recipe = cache::recipe(system, options, Some((&depth.options, &placement.vergence)));
+        let recipe = cache::recipe(system, options, None, Some((&depth.options, &placement.vergence)));
         if let Some(pack) = self.cache.find(&recipe, nm) {
             return Ok((recipe, pack));
         }
@@ -84,29 +76,27 @@ impl BandTracer<'_> {
             let mut progress = |p: Progress| {
                 bar.step(format!("{nm} nm: depth node {} of {nodes}, {}", done.load(Relaxed) + 1, p.step));
             };
-            let mut values = blake3::Hasher::new();
+            let mut values = DepthBandValues::default();
             let (lens, report) = with_threads(threads, || {
                 let head = (lens_header(system)?, header(system, &depth.options)?);
                 let sink = |node: usize, stack: &PsfStack| {
                     done.store(node + 1, Relaxed);
-                    add_samples(&mut values, stack);
+                    values.add_node(stack);
                     pack.psf_of_node(0, node, stack)
                 };
                 let nodes = (&depth.options, placement.clone());
                 let traced = band(system, options, 0, nodes, &mut progress, sink)?;
                 Ok::<_, DesignError>(traced.into_lens(head))
             })?;
-            // All tables, in digits from which the same numbers are read. Nodes have no tails: films keep the digests of before these were a field.
-            let tables = format!("{:?}{:?}", lens.bands, lens.depth).replace(", tail: None", "");
-            values.update(tables.as_bytes());
-            Ok((lens, with(&[report]), Some(values.finalize().to_hex().to_string())))
+            let values = values.digest(&lens);
+            Ok((lens, with(&[report]), Some(values)))
         })?;
         Ok((recipe, pack))
     }
 
     /// Depth nodes of the whole range, from the cache, or determined and stored there.
     fn placement(&mut self, options: &TraceOptions, depth: &TracedFor<'_>) -> Result<Placement> {
-        let recipe = cache::recipe(self.job.system, options, Some((&depth.options, &[])));
+        let recipe = cache::recipe(self.job.system, options, None, Some((&depth.options, &[])));
         if let Some(placement) = self.cache.find_nodes(&recipe) {
             return Ok(placement);
         }
