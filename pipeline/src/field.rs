@@ -219,18 +219,10 @@ mod tests {
 
     fn band(real: &[f64]) -> LensBand {
         LensBand {
-            wavelength_nm: 550.0,
             ideal_height_mm: real.iter().map(|h| h * (1.0 + 1e-3 * h)).collect(),
-            image_height_mm: real.to_vec(),
             relative_illumination: real.iter().map(|h| 1.0 - 0.01 * h * h).collect(),
             psf_height_mm: vec![0.0, 1.0],
-            azimuth_count: vec![1, 4],
-            psf_size: 1,
-            psf_pitch_um: 2.0,
-            psf_energy: vec![1.0, 1.0],
-            solid_angle_sr: 0.1,
-            transmission: 1.0,
-            tail: None,
+            ..LensBand::ideal(550.0, real.to_vec())
         }
     }
 

@@ -241,6 +241,28 @@ pub enum LensError {
 }
 
 impl LensBand {
+    /// A band of an ideal lens, of real heights ascending from 0: no distortion, no loss of light, PSFs of one sample at the axis and the last height.
+    ///
+    /// # Panics
+    /// No height.
+    pub fn ideal(wavelength_nm: f64, image_height_mm: Vec<f64>) -> Self {
+        let last_mm = *image_height_mm.last().expect("at least one height");
+        Self {
+            wavelength_nm,
+            ideal_height_mm: image_height_mm.clone(),
+            relative_illumination: vec![1.0; image_height_mm.len()],
+            image_height_mm,
+            psf_height_mm: vec![0.0, last_mm],
+            azimuth_count: vec![1, 4],
+            psf_size: 1,
+            psf_pitch_um: 2.0,
+            psf_energy: vec![1.0; 2],
+            solid_angle_sr: 0.1,
+            transmission: 1.0,
+            tail: None,
+        }
+    }
+
     /// Checks the contract of every table; all numbers lie within [`bounds`].
     ///
     /// # Errors

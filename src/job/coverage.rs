@@ -137,18 +137,8 @@ mod tests {
 
     fn band(ideal_over_real: f64) -> LensBand {
         LensBand {
-            wavelength_nm: 550.0,
             ideal_height_mm: vec![0.0, 10.0 * ideal_over_real],
-            image_height_mm: vec![0.0, 10.0],
-            relative_illumination: vec![1.0; 2],
-            psf_height_mm: vec![0.0, 10.0],
-            azimuth_count: vec![1, 4],
-            psf_size: 3,
-            psf_pitch_um: 2.0,
-            psf_energy: vec![1.0; 2],
-            solid_angle_sr: 0.1,
-            transmission: 1.0,
-            tail: None,
+            ..LensBand::ideal(550.0, vec![0.0, 10.0])
         }
     }
 

@@ -196,18 +196,11 @@ impl ChartSource for Picture {
 pub fn identity_band(wavelength_nm: f64, reach_mm: f64, size: usize) -> LensBand {
     let heights: Vec<f64> = (0..50).map(|i| reach_mm * f64::from(i) / 49.0).collect();
     LensBand {
-        wavelength_nm,
-        image_height_mm: heights.clone(),
-        relative_illumination: vec![1.0; heights.len()],
-        ideal_height_mm: heights,
         psf_height_mm: [0.0, 0.2, 0.7, 1.0].map(|h| h * reach_mm).into(),
         azimuth_count: vec![1, 4, 4, 4],
         psf_size: size,
-        psf_pitch_um: 2.0,
         psf_energy: vec![1.0; 4],
-        solid_angle_sr: 0.1,
-        transmission: 1.0,
-        tail: None,
+        ..LensBand::ideal(wavelength_nm, heights)
     }
 }
 

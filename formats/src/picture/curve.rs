@@ -89,21 +89,13 @@ mod tests {
     fn lens(bands: usize) -> Lens {
         let heights: Vec<f64> = (0..400).map(|i| 0.05 * f64::from(i)).collect();
         let band = |b: usize| LensBand {
-            wavelength_nm: 400.0 + 300.0 * b as f64 / (bands - 1).max(1) as f64,
-            ideal_height_mm: heights.clone(),
             image_height_mm: heights
                 .iter()
                 .map(|h| h * (1.0 + 1e-3 * b as f64 / bands as f64 - 1e-4 * h * h))
                 .collect(),
             relative_illumination: heights.iter().map(|h| (1.0 + h * h / 900.0).powi(-2)).collect(),
             psf_height_mm: vec![0.0, 20.0],
-            azimuth_count: vec![1, 8],
-            psf_size: 3,
-            psf_pitch_um: 2.0,
-            psf_energy: vec![1.0; 2],
-            solid_angle_sr: 0.1,
-            transmission: 1.0,
-            tail: None,
+            ..LensBand::ideal(400.0 + 300.0 * b as f64 / (bands - 1).max(1) as f64, heights.clone())
         };
         Lens {
             name: "Test lens, 30 mm".into(),

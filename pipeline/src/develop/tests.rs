@@ -197,18 +197,8 @@ fn flat_raw_is_flat_and_clipped_highlights_are_white() {
 fn shading_divides_by_lens_and_flat() {
     let lens_value = 0.5f32;
     let band = crate::lens::LensBand {
-        wavelength_nm: 550.0,
-        ideal_height_mm: vec![0.0, 10.0],
-        image_height_mm: vec![0.0, 10.0],
         relative_illumination: vec![1.0, 0.0],
-        psf_height_mm: vec![0.0],
-        azimuth_count: vec![1],
-        psf_size: 1,
-        psf_pitch_um: 1.0,
-        psf_energy: vec![1.0],
-        solid_angle_sr: 0.1,
-        transmission: 1.0,
-        tail: None,
+        ..crate::lens::LensBand::ideal(550.0, vec![0.0, 10.0])
     };
     let lens = crate::lens::Lens {
         name: "cone".into(),

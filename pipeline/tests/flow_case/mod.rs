@@ -106,18 +106,13 @@ pub fn case(simd: Simd, noise: &mut Noise, film: Size, chart: Size, windows: &[u
         }
         stacks.push(PsfStack { size: n, pitch_um: 2.0, sample: PsfSample::Integrated, samples });
         bands.push(LensBand {
-            wavelength_nm: 450.0 + 50.0 * i as f64,
             ideal_height_mm: real.iter().map(|r| r * (1.0 + bend * (r / last).powi(2))).collect(),
             relative_illumination: real.iter().map(|r| 1.0 - 0.3 * (r / last).powi(2)).collect(),
-            image_height_mm: real,
             psf_height_mm: heights,
             azimuth_count: vec![1, 4, 4, 4, 4],
             psf_size: n,
-            psf_pitch_um: 2.0,
             psf_energy: vec![1.0; 5],
-            solid_angle_sr: 0.1,
-            transmission: 1.0,
-            tail: None,
+            ..LensBand::ideal(450.0 + 50.0 * i as f64, real)
         });
     }
     let images = windows.iter().map(|_| {

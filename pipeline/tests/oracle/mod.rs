@@ -191,18 +191,9 @@ pub fn remap(
 pub fn lens_band(real: Vec<f64>, paraxial: f64, bend: f64) -> LensBand {
     let last = real[real.len() - 1];
     LensBand {
-        wavelength_nm: 550.0,
         ideal_height_mm: real.iter().map(|r| r * (paraxial + bend * (r / last).powi(2))).collect(),
         relative_illumination: real.iter().map(|r| 1.0 - 0.4 * (r / last).powi(2)).collect(),
-        image_height_mm: real,
-        psf_height_mm: vec![0.0, last],
-        azimuth_count: vec![1, 4],
-        psf_size: 1,
-        psf_pitch_um: 2.0,
-        psf_energy: vec![1.0, 1.0],
-        solid_angle_sr: 0.1,
-        transmission: 1.0,
-        tail: None,
+        ..LensBand::ideal(550.0, real)
     }
 }
 

@@ -41,18 +41,10 @@ fn options(surround: Surround) -> Options {
 fn band(unit: f64, ideal_and_ri: impl Fn(f64) -> (f64, f64)) -> LensBand {
     let real: Vec<f64> = (0..101).map(|i| f64::from(i) * 0.01).collect();
     LensBand {
-        wavelength_nm: 550.0,
         ideal_height_mm: real.iter().map(|r| unit * ideal_and_ri(*r).0).collect(),
         relative_illumination: real.iter().map(|r| ideal_and_ri(*r).1).collect(),
-        image_height_mm: real.iter().map(|r| unit * r).collect(),
         psf_height_mm: vec![0.0, 1.0],
-        azimuth_count: vec![1, 4],
-        psf_size: 1,
-        psf_pitch_um: 2.0,
-        psf_energy: vec![1.0, 1.0],
-        solid_angle_sr: 0.1,
-        transmission: 1.0,
-        tail: None,
+        ..LensBand::ideal(550.0, real.iter().map(|r| unit * r).collect())
     }
 }
 

@@ -64,8 +64,6 @@ pub fn write(path: &Path, synthetic: SyntheticLens) {
     };
     let heights: Vec<f64> = (0..=8).map(|k| 2.59 * f64::from(k)).collect();
     let band = LensBand {
-        wavelength_nm: 550.0,
-        image_height_mm: ideal.iter().map(real).collect(),
         relative_illumination: (0..ideal.len()).map(illumination).collect(),
         ideal_height_mm: ideal.clone(),
         azimuth_count: (0..heights.len()).map(|k| if k == 0 { 1 } else { 72 }).collect(),
@@ -73,9 +71,7 @@ pub fn write(path: &Path, synthetic: SyntheticLens) {
         psf_pitch_um: STEP_PX * FILM_PITCH_UM,
         psf_energy: vec![1.0; heights.len()],
         psf_height_mm: heights.clone(),
-        solid_angle_sr: 0.1,
-        transmission: 1.0,
-        tail: None,
+        ..LensBand::ideal(550.0, ideal.iter().map(real).collect())
     };
     let samples = heights.iter().flat_map(|h| psf(*h, synthetic)).collect();
     let stack = PsfStack { size: 83, pitch_um: band.psf_pitch_um, sample: PsfSample::Point, samples };
