@@ -1,10 +1,12 @@
 //! Time of a run by phase, summed over all threads: wall time and CPU time.
 //!
-//! The two differ by waiting, for the disk or for a core. Σ CPU time / cores is a lower bound of a run's duration.
+//! The two differ by waiting, for the disk or for a core. Σ CPU time / cores is a lower bound of a run's duration. Threads that a phase starts for its
+//! own work belong to it ([`on_threads`]).
 
 use crate::flow::{ChartSource, SourceSinkError};
 use crate::geometry::{Rect, Size};
 use rustix::time::{ClockId, clock_gettime};
+use std::cell::Cell;
 use std::sync::atomic::{AtomicU64, Ordering::Relaxed};
 use std::time::Instant;
 
@@ -67,12 +69,37 @@ pub(crate) struct PhaseClock {
 impl PhaseClock {
     /// Runs `f` and adds its time.
     pub(crate) fn time<T>(&self, f: impl FnOnce() -> T) -> T {
-        let (wall, cpu) = (Instant::now(), thread_cpu_ns());
+        let (wall, cpu) = (Instant::now(), phase_cpu_ns());
         let value = f();
-        self.cpu_ns.fetch_add(thread_cpu_ns() - cpu, Relaxed);
+        self.cpu_ns.fetch_add(phase_cpu_ns() - cpu, Relaxed);
         self.wall_ns.fetch_add(wall.elapsed().as_nanos() as u64, Relaxed);
         value
     }
+}
+
+thread_local! {
+    /// CPU time of the threads that this thread has started with [`on_threads`], ns.
+    static HELPERS_NS: Cell<u64> = const { Cell::new(0) };
+}
+
+/// Runs `work` on `threads` threads at the same time, one of them this one, whose phase their CPU time is part of.
+pub(crate) fn on_threads(threads: usize, work: impl Fn() + Sync) {
+    let helpers_ns = AtomicU64::new(0);
+    std::thread::scope(|scope| {
+        for _ in 1..threads.max(1) {
+            scope.spawn(|| {
+                work();
+                helpers_ns.fetch_add(phase_cpu_ns(), Relaxed);
+            });
+        }
+        work();
+    });
+    HELPERS_NS.set(HELPERS_NS.get() + helpers_ns.into_inner());
+}
+
+/// CPU time of this thread and of those that it has started, ns.
+fn phase_cpu_ns() -> u64 {
+    thread_cpu_ns() + HELPERS_NS.get()
 }
 
 /// CPU time of this thread, s.
@@ -148,5 +175,18 @@ mod tests {
         phase.time(|| std::thread::sleep(std::time::Duration::from_millis(30)));
         let (wall, cpu) = (phase.wall_ns.load(Relaxed), phase.cpu_ns.load(Relaxed));
         assert!(wall >= 30_000_000 && cpu < wall / 3, "wall {wall} ns, CPU {cpu} ns");
+    }
+
+    #[test]
+    fn threads_of_a_phase_are_part_of_it() {
+        // Each thread computes for 20 ms of its own CPU time.
+        let work = || {
+            let start = thread_cpu_ns();
+            while thread_cpu_ns() - start < 20_000_000 {}
+        };
+        let phase = PhaseClock::default();
+        phase.time(|| on_threads(3, work));
+        let cpu = phase.cpu_ns.load(Relaxed);
+        assert!(cpu >= 60_000_000, "{cpu} ns");
     }
 }

@@ -8,6 +8,7 @@
 //!
 //! Each chart pixel is read once, in rectangles of at most 512 px squared that begin at multiples of it, which are those of usual chunks.
 
+use crate::clock::on_threads;
 use crate::flow::{ChartSource, SourceSinkError};
 use crate::geometry::{Rect, Size};
 use crate::resample::Surround;
@@ -111,12 +112,7 @@ impl ReducedChart {
                 }
             }
         };
-        std::thread::scope(|scope| {
-            for _ in 1..threads.max(1) {
-                scope.spawn(work);
-            }
-            work();
-        });
+        on_threads(threads, work);
         match failure.into_inner().expect("no panic while held") {
             Some(error) => Err(error),
             None => Ok(Self { side, size, values }),

@@ -10,6 +10,7 @@
 //! In f64; each bin is summed by rows, the same for any number of threads.
 
 use super::{Bins, lagrange};
+use crate::clock::on_threads;
 use std::sync::Mutex;
 
 /// Samples of a bin along each axis.
@@ -61,12 +62,7 @@ pub fn of_bins(light: &dyn Light, bins: &Bins, threads: usize) -> Vec<f32> {
             scratch.rows(light, bins, part * ROWS, rows);
         }
     };
-    std::thread::scope(|scope| {
-        for _ in 1..threads.max(1) {
-            scope.spawn(work);
-        }
-        work();
-    });
+    on_threads(threads, work);
     out
 }
 
