@@ -65,12 +65,16 @@ class Drive:
             if time.monotonic() - updated > 2:
                 updated, max_in_flight = time.monotonic(), self.max_in_flight()
             self.submit_pending(waiting, max_in_flight)
-            ended = self.ends.next_batch(block=False)
-            for future, result in ended:
-                remaining -= self.handle_end(future, result)
+            done = self.handle_ends()
+            remaining -= done or 0
             self.display.show()
-            if not ended:
+            if done is None:
                 time.sleep(0.05)
+
+    def handle_ends(self) -> int | None:
+        """Handles the futures that have ended, of which none is kept. Returns how many units are done, None if no future has ended."""
+        ended = self.ends.next_batch(block=False)
+        return sum(self.handle_end(future, result) for future, result in ended) if ended else None
 
     def max_in_flight(self) -> int:
         """Maximum number of futures in flight: two per worker thread."""
