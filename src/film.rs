@@ -12,9 +12,13 @@ use formats::durable::{Lock, Store, fault_point, link_target, parent_of, sweep_e
 use formats::film::{FilmSpec, FilmStore};
 use formats::group::{GroupError, JobGroup};
 use formats::object;
+use pipeline::stages::DESCRIPTIONS;
 use serde_json::{Map, Value, json};
 use std::collections::BTreeSet;
 use std::path::Path;
+
+/// Key of the stages in the identity of a job.
+const STAGES: &str = "stages";
 
 /// BLAKE3 of a JSON value as it is written, 64 hexadecimal digits.
 pub fn digest(value: &Value) -> String {
@@ -122,7 +126,10 @@ fn check_same_job(
     args: &RunArgs,
 ) -> Result<()> {
     let recorded = recorded_job(store);
-    let differing = [differences(&recorded, identity), layout_differences(store.spec(), film)].concat();
+    let mut differing = differences(&recorded, identity);
+    // A stage with flags of its own is named by these.
+    differing.retain(|(key, ..)| key != STAGES || switches(&recorded) != switches(identity));
+    differing.extend(layout_differences(store.spec(), film));
     let trusted = |key: &&str| args.trust_input && is_trustable(key, &recorded);
     let keys: Vec<&str> = differing.iter().map(|d| d.0.as_str()).filter(|k| !trusted(k)).collect();
     if keys.is_empty() {
@@ -148,6 +155,13 @@ fn check_same_job(
         store.path().display(),
         list.join(", ")
     )))
+}
+
+/// The stages of an identity that `--stages` switches.
+fn switches(identity: &Map<String, Value>) -> Map<String, Value> {
+    let mut stages = identity.get(STAGES).and_then(Value::as_object).cloned().unwrap_or_default();
+    stages.retain(|name, _| DESCRIPTIONS.iter().all(|d| d.name != name || d.flags.is_empty()));
+    stages
 }
 
 /// Whether `--trust-input` accepts that `key` differs: modification times, or a content that the film, created without `--check-input`, does

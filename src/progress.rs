@@ -396,6 +396,11 @@ pub fn number(v: f64) -> f64 {
     format!("{v:.11e}").parse().unwrap_or(v)
 }
 
+/// A number as it was given, with an exponent where it has many digits: 1e300.
+pub fn given_number(v: f64) -> String {
+    format!("{v:?}").trim_end_matches(".0").to_owned()
+}
+
 /// Bytes in MiB, rounded up, for messages.
 pub fn mib(bytes: usize) -> String {
     format!("{}MiB", bytes.div_ceil(1 << 20))

@@ -78,13 +78,19 @@ fn of_command(command: &Command) -> Result<Guard> {
             .may_write("--json", args.json.as_ref())
             .may_write("--plot", args.plot.as_ref()),
         Command::Man(args) => guard.may_write("DIR", args.dir.as_ref()),
-        // What `pyramid` and `verify --repair` write belongs to their input; `bench` writes into a temporary directory; the others print.
+        // What `pyramid` and `verify --repair` write belongs to their input.
+        Command::Pyramid(args) => guard.reads("film", &args.film),
+        Command::Verify(args) => guard.reads("film", &args.film),
+        Command::Status(args) => args.film.iter().fold(guard, |guard, film| guard.reads("film", film)),
+        Command::View(args) => {
+            let guard = args.chart.iter().fold(guard.reads_chart("film", &args.film), |guard, chart| {
+                guard.reads_chart("chart", chart)
+            });
+            args.lens.iter().fold(guard, |guard, lens| guard.reads_lens(lens))
+        }
+        // It writes into a temporary directory.
+        Command::Bench(args) => guard.reads_lens(&args.lens),
         Command::Run(_)
-        | Command::Pyramid(_)
-        | Command::Verify(_)
-        | Command::Bench(_)
-        | Command::Status(_)
-        | Command::View(_)
         | Command::Device(_)
         | Command::Cache(_)
         | Command::Help(_)
@@ -140,7 +146,9 @@ fn of_lens(command: &LensCommand) -> Guard {
                 .may_write("--template", args.template.as_ref())
         }
         LensCommand::List(args) => guard.may_write("--plot", args.plot.as_ref()),
-        LensCommand::Diff(_) | LensCommand::Camera(_) | LensCommand::Light(_) => guard,
+        LensCommand::Diff(args) => guard.reads_lens(&args.a).reads_lens(&args.b),
+        LensCommand::Camera(args) => guard.reads_lens(&args.design),
+        LensCommand::Light(args) => guard.reads_lens(&args.design),
     }
 }
 
@@ -183,7 +191,8 @@ fn entries(source: &Path) -> Vec<PathBuf> {
 
 /// Glass catalogues beside a design.
 fn catalogues(name: &str) -> Vec<PathBuf> {
-    if is_builtin(name) { Vec::new() } else { catalogues_of(Path::new(name)) }
+    let is_file = Path::new(name).metadata().is_ok_and(|m| m.is_file());
+    if is_builtin(name) || !is_file { Vec::new() } else { catalogues_of(Path::new(name)) }
 }
 
 fn reads_sensor(guard: Guard, name: &str) -> Guard {
@@ -197,7 +206,7 @@ fn reads_sensor(guard: Guard, name: &str) -> Guard {
 fn style(guard: Guard, style: &DevelopStyle) -> Guard {
     let guard = match style.matrix.as_str() {
         "fitted" | "none" => guard,
-        file => guard.reads("matrix", Path::new(file)),
+        file => guard.reads_text("matrix", Path::new(file)),
     };
     match style.shading.as_str() {
         "none" => guard,

@@ -2,6 +2,7 @@
 
 use super::bytes::read_bytes;
 use crate::args::CoatingsArg;
+use crate::failure::usage;
 use anyhow::{Context, Result};
 use formats::design::coatings::{self, CoatingFile, dat, mgf2, toml};
 use formats::design::zar::Member;
@@ -85,10 +86,27 @@ impl DesignCoatings {
         }
         let folder = self.path.parent().filter(|d| !d.as_os_str().is_empty()).unwrap_or(Path::new("."));
         let is_it = |path: &PathBuf| path.file_name().is_some_and(|n| n.eq_ignore_ascii_case(name.as_str()));
-        let found = std::fs::read_dir(folder).into_iter().flatten().flatten().map(|e| e.path()).find(is_it);
-        match found {
-            Some(path) => read(&path, primary_um).with_context(|| format!("reading {}", path.display())),
-            None => Ok(CoatingFile::default()),
+        let mut found: Vec<PathBuf> = std::fs::read_dir(folder)
+            .into_iter()
+            .flatten()
+            .flatten()
+            .map(|e| e.path())
+            .filter(is_it)
+            .collect();
+        found.sort();
+        let same_case = found.iter().position(|path| path.file_name().is_some_and(|n| n == name.as_str()));
+        match (&found[..], same_case) {
+            ([], _) => Ok(CoatingFile::default()),
+            ([path], _) => read(path, primary_um).with_context(|| format!("reading {}", path.display())),
+            (_, Some(k)) => {
+                let path = &found[k];
+                read(path, primary_um).with_context(|| format!("reading {}", path.display()))
+            }
+            ([first, second, ..], None) => Err(usage(format!(
+                "the design names the coating file {name}, and {} and {} differ in letters' case alone: give one of them to --coatings, or rename one",
+                first.display(),
+                second.display()
+            ))),
         }
     }
 }

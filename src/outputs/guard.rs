@@ -1,4 +1,5 @@
-//! The one check of a command's paths: no output is an input or another output, lies in one, or contains one; none is a device, FIFO or socket.
+//! The one check of a command's paths: no output is an input or another output, lies in one, or contains one; none is a device, FIFO or socket, and no
+//! input but a text, which is read from its beginning to its end.
 
 use super::place::{Place, Relation};
 use crate::failure::usage;
@@ -24,6 +25,8 @@ struct Input {
     /// As it was given.
     given: String,
     file: PathBuf,
+    /// Whether it is read from its beginning to its end, as a FIFO can be.
+    is_text: bool,
 }
 
 /// A file or directory that is written.
@@ -40,6 +43,13 @@ impl Guard {
         self.reads_as(what, &path.display().to_string(), [path.to_path_buf()])
     }
 
+    /// Adds a text.
+    pub fn reads_text(mut self, what: &'static str, path: &Path) -> Self {
+        let (given, file) = (path.display().to_string(), path.to_path_buf());
+        self.inputs.push(Input { what, given, file, is_text: true });
+        self
+    }
+
     /// Adds the files of an input that was given as `given`.
     pub fn reads_as(
         mut self,
@@ -47,7 +57,7 @@ impl Guard {
         given: &str,
         files: impl IntoIterator<Item = PathBuf>,
     ) -> Self {
-        let input = |file| Input { what, given: given.to_owned(), file };
+        let input = |file| Input { what, given: given.to_owned(), file, is_text: false };
         self.inputs.extend(files.into_iter().map(input));
         self
     }
@@ -84,9 +94,10 @@ impl Guard {
     }
 
     /// Fails (exit code 2) if an output is, lies in or contains an input or another output, or is what a file would replace but not be: a device, a FIFO, a
-    /// socket.
+    /// socket; or if an input is one of these.
     pub fn check(&self) -> Result<()> {
-        self.outputs.iter().try_for_each(check_kind)?;
+        self.outputs.iter().try_for_each(check_output)?;
+        self.inputs.iter().filter(|input| !input.is_text).try_for_each(check_input)?;
         let inputs: Vec<Place> = self.inputs.iter().map(|input| Place::new(&input.file)).collect();
         let outputs: Vec<Place> = self.outputs.iter().map(|output| Place::new(&output.path)).collect();
         for (k, (output, place)) in self.outputs.iter().zip(&outputs).enumerate() {
@@ -122,19 +133,34 @@ impl Guard {
     }
 }
 
+/// What exists at `path` if it is neither a file nor a directory.
+fn special(path: &Path) -> Option<&'static str> {
+    let kind = path.metadata().ok()?.file_type();
+    match () {
+        () if kind.is_char_device() || kind.is_block_device() => Some("a device"),
+        () if kind.is_fifo() => Some("a FIFO or pipe"),
+        () if kind.is_socket() => Some("a socket"),
+        () => None,
+    }
+}
+
 /// Fails for an existing device, FIFO or socket: a finished file is renamed to its path.
-fn check_kind(output: &Output) -> Result<()> {
+fn check_output(output: &Output) -> Result<()> {
     let Output { argument, path } = output;
-    let Ok(kind) = path.metadata().map(|metadata| metadata.file_type()) else { return Ok(()) };
-    let kind = match () {
-        () if kind.is_char_device() || kind.is_block_device() => "a device",
-        () if kind.is_fifo() => "a FIFO or pipe",
-        () if kind.is_socket() => "a socket",
-        () => return Ok(()),
-    };
+    let Some(kind) = special(path) else { return Ok(()) };
     let shown = path.display();
     Err(usage(format!(
         "{argument} {shown} is {kind}, which would be replaced by a file; choose another path for {argument}"
+    )))
+}
+
+/// Fails for a device, FIFO or socket, whose parts cannot be read in any order, and which may block for ever.
+fn check_input(input: &Input) -> Result<()> {
+    let Input { what, file, .. } = input;
+    let Some(kind) = special(file) else { return Ok(()) };
+    let shown = file.display();
+    Err(usage(format!(
+        "the {what} {shown} is {kind}, not a regular file or a directory; store it in a file first"
     )))
 }
 

@@ -21,7 +21,7 @@ impl Guard {
     pub fn reads_ghosts(self, args: &GhostArgs) -> Self {
         args.reflectance_file()
             .into_iter()
-            .fold(self, |guard, path| guard.reads("reflectance of the film", path))
+            .fold(self, |guard, path| guard.reads_text("reflectance of the film", path))
     }
 
     /// Adds glass catalogues and coatings.
@@ -31,10 +31,12 @@ impl Guard {
 
     /// Adds glass catalogues, a file of coatings, and the tables that this names.
     pub fn reads_catalogues(self, glasses: &[PathBuf], coatings: &CoatingsArg) -> Self {
-        let guard = glasses.iter().fold(self, |guard, path| guard.reads("glass catalogue", path));
+        let guard = glasses.iter().fold(self, |guard, path| guard.reads_text("glass catalogue", path));
         let Some(file) = coatings.file() else { return guard };
         let tables = coating_tables(file).into_iter();
-        tables.fold(guard.reads("coatings", file), |g, table| g.reads("table of the coatings", &table))
+        tables.fold(guard.reads_text("coatings", file), |g, table| {
+            g.reads_text("table of the coatings", &table)
+        })
     }
 
     /// Adds distances and hidden surfaces.

@@ -235,6 +235,61 @@ fn devices_fifos_and_sockets_are_not_replaced() {
     }
 }
 
+/// Each command line ends at once, though nothing writes into the FIFO; a text may come through one.
+#[test]
+fn fifos_are_no_inputs_but_texts() {
+    let dir = tempfile::tempdir().unwrap();
+    let at = |name: &str| dir.path().join(name);
+    lenscube("", &["chart", "uniform", text(&at("chart.zarr")), "--size", "8"]).ok();
+    let fifos =
+        ["chart.npy", "lens.zmx", "lens.lens.zip", "film.zarr", "picture.png", "depth.npy", "plain.toml"]
+            .map(at);
+    let made = Command::new("mkfifo").args(&fifos).status().unwrap();
+    assert!(made.success());
+    let [npy, zmx, pack, film, png, depth, plain] = fifos.each_ref().map(|path| text(path));
+    let (chart, out) = (at("chart.zarr"), at("out"));
+    let (chart, out) = (text(&chart), text(&out));
+    for (words, what) in [
+        (&["run", npy, out][..], "chart"),
+        (&["run", chart, out, "--lens", zmx], "lens"),
+        (&["run", chart, out, "--lens", pack], "lens"),
+        (&["run", chart, out, "--lens", "phone", "--depth", depth], "depth array"),
+        (&["shoot", npy, "out.png", "--lens", "phone", "--sensor", "cmv12000-mono"], "chart"),
+        (&["sensor", film, out, "--sensor", "cmv12000-mono", "--exposure", "1s"], "film"),
+        (&["export", film, "out.npy"], "film"),
+        (&["measure", film, "--points", "1,1"], "film"),
+        (&["chart", "image", png, "out.zarr"], "picture"),
+        (&["lens", "show", zmx], "lens"),
+        (&["lens", "light", zmx], "lens"),
+        (&["lens", "convert", zmx, "out.csv"], "lens"),
+        (&["bench", "--lens", zmx], "lens"),
+        (&["lens", "camera", zmx, "--film-size", "9", "--film-pitch-um", "2"], "lens"),
+        (&["lens", "diff", "phone", pack], "lens"),
+        (&["status", film], "film"),
+        (&["verify", film], "film"),
+        (&["pyramid", plain], "film"),
+        (&["view", film], "film"),
+        (&["sensor", "show", plain], "sensor description"),
+    ] {
+        let ran = lenscube("", words);
+        assert_eq!(ran.code, 2, "{words:?}: {}", ran.stderr);
+        assert!(ran.stderr.contains(&format!("the {what} ")), "{words:?}: {}", ran.stderr);
+        assert!(
+            ran.stderr.contains("is a FIFO or pipe, not a regular file or a directory"),
+            "{words:?}: {}",
+            ran.stderr
+        );
+    }
+    assert!(!at("out").exists());
+    let reader = std::thread::spawn({
+        let plain = at("plain.toml");
+        move || std::fs::write(plain, "default = \"x\"\n[coating.x]\nreflectance = 0.5\n")
+    });
+    let light = lenscube("", &["lens", "light", "triplet", "--coatings", plain]).ok();
+    reader.join().unwrap().unwrap();
+    assert!(light.stdout.contains("0.5"), "{}", light.stdout);
+}
+
 #[test]
 fn full_disk_is_a_temporary_error_of_every_writer() {
     let dir = tempfile::tempdir().unwrap();

@@ -94,11 +94,7 @@ pub fn chosen_heights(requested: Option<&str>, reach_mm: impl FnOnce() -> Result
     };
     heights_mm.sort_by(f64::total_cmp);
     heights_mm.dedup();
-    match heights_mm.last() {
-        // A design with axial field points only.
-        Some(last) if *last > 0.0 || requested.is_none() => Ok(heights_mm),
-        _ => Err(usage("--heights: give at least one height above 0 mm")),
-    }
+    Ok(heights_mm)
 }
 
 /// At most [`DEFAULT_BANDS`] wavelengths, evenly spaced, including the one nearest the primary wavelength.

@@ -11,6 +11,7 @@ use crate::args::ExposeArgs;
 use crate::camera::frame::split_group;
 use crate::failure::usage;
 use crate::machine::{MemoryLimit, threads};
+use crate::progress::given_number;
 use anyhow::Result;
 use formats::group::Output;
 use formats::raw::{RawSpec, RawStore};
@@ -267,7 +268,8 @@ fn gain(args: &ExposeArgs, sensor: &Sensor) -> Result<f64> {
         (None, Some(iso), Some(base)) => iso / base,
         (None, Some(iso), None) => {
             return Err(usage(format!(
-                "--iso {iso}: sensor {} has no adc.base_iso; give --gain",
+                "--iso {}: sensor {} has no adc.base_iso; give --gain",
+                given_number(iso),
                 sensor.name
             )));
         }
@@ -281,7 +283,9 @@ fn gain(args: &ExposeArgs, sensor: &Sensor) -> Result<f64> {
     };
     match allowed {
         true => Ok(gain),
-        false => Err(usage(format!("gain {gain}: sensor {} has gains {}", sensor.name, list()))),
+        false => {
+            Err(usage(format!("gain {}: sensor {} has gains {}", given_number(gain), sensor.name, list())))
+        }
     }
 }
 

@@ -23,7 +23,8 @@ fn missing_or_foreign_chart_exits_1_and_names_the_path() {
     assert_invalid(&at("cube.xyz"), &["unsupported format .xyz; supported: Zarr"]);
     let made = std::process::Command::new("mkfifo").arg(at("pipe.npy")).status().unwrap();
     assert!(made.success());
-    assert_invalid(&at("pipe.npy"), &["pipe.npy", "expected a regular file", "a pipe"]);
+    let pipe = run(text(&at("pipe.npy")), &job.film, text(&job.pack), &[]);
+    assert_error_line(&pipe, USAGE, &["the chart", "pipe.npy is a FIFO or pipe", "not a regular file"]);
     assert_invalid(&job.pack, &["no array", "chart", "wavelength"]);
     fs::write(at("empty/zarr.json"), "{\"zarr_format\": 3,").unwrap();
     assert_invalid(&at("empty"), &["empty", "JSON"]);

@@ -90,6 +90,22 @@ fn coatings_that_a_design_names_are_found_beside_it() {
 }
 
 #[test]
+fn coating_files_that_differ_in_case_alone_are_ambiguous() {
+    let job = DesignJob::new();
+    let named = DESIGN.replacen("  DISZ 8.7", "  COAT SPECIAL 0 0\n  DISZ 8.7", 1);
+    fs::write(job.at("my.zmx"), format!("COFN QF \"MY.DAT\" \"A\" \"B\" \"C\"\n{named}")).unwrap();
+    for (name, share) in [("my.dat", 0.5), ("My.dat", 0.9)] {
+        fs::write(job.at(name), format!("IDEAL SPECIAL {share} {}\n", 1.0 - share)).unwrap();
+    }
+    let light = || lenscube(&["lens", "light", text(&job.at("my.zmx")), "--coatings", "design", "--json"]);
+    assert_error_line(&light(), USAGE, &["MY.DAT", "My.dat", "my.dat", "letters' case alone", "--coatings"]);
+    // The name as the design has it is not.
+    fs::write(job.at("MY.DAT"), "IDEAL SPECIAL 0.25 0.75\n").unwrap();
+    let json: Value = serde_json::from_str(&light().ok().stdout).unwrap();
+    assert!(json["bands"][0]["transmission"].as_f64().unwrap() < 0.25);
+}
+
+#[test]
 fn light_of_a_lens_is_printed() {
     let words = ["lens", "light", "double-gauss-28", "--coatings", "mgf2", "--wavelengths", "400,550"];
     let found = lenscube(&[&words[..], &["--json"]].concat()).ok();
@@ -136,6 +152,10 @@ fn lens_that_passes_no_light_is_an_error_and_has_no_figures_of_nan() {
         assert_error_line(&psf, FAILED, &["pass no light at 0.5876 µm", "coatings"]);
         assert_error_line(&job.run("cache", "dark", &coatings), FAILED, &["pass no light at 0.", "µm"]);
     }
+    // Less light than a lens pack may have, more than rounding: an error of the lens, not of its pack.
+    fs::write(job.at("dim.toml"), "default = \"x\"\n[coating.x]\nreflectance = 0.9999999\n").unwrap();
+    let dim = job.run("cache", "dark", &["--coatings", text(&job.at("dim.toml"))]);
+    assert_error_line(&dim, FAILED, &["pass no light at 0.", "µm"]);
     assert!(!job.at("dark").exists());
 }
 

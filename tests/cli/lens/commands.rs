@@ -127,6 +127,12 @@ fn show_design_prints_system_data_and_writes_plots() {
         assert!(words.contains(word), "`{word}` is not in: {words}");
     }
     let plots = dir.path().join("plots");
+    // The axis alone.
+    let axis =
+        lenscube(&["lens", "show", "double-gauss-28", "--heights", "0", "--wavelengths", "550", "--json"])
+            .ok();
+    let axis: Value = serde_json::from_str(&axis.stdout).unwrap();
+    assert_eq!(axis["fields"].as_array().unwrap().len(), 1, "{axis}");
     let small = ["--heights", "0,2", "--wavelengths", "550", "--lp-mm", "10,30", "--plot", text(&plots)];
     lenscube(&[&["lens", "show", "double-gauss-28"], &small[..]].concat()).ok();
     for (file, word) in [

@@ -30,6 +30,7 @@ fn bad_input_is_one_clear_error() {
     bad(&with("cmv12000-rgb", &["--exposure", "1ms", "--gain", "1.5"]), &["gains 1, 2, 3, 4"]);
     bad(&with("cmv12000-rgb", &["--exposure", "1ms", "--iso", "400"]), &["base_iso"]);
     bad(&with("example-2um", &["--exposure", "1ms", "--iso", "50"]), &["gains 1 to 64"]);
+    bad(&with("example-2um", &["--exposure", "1ms", "--gain", "1e300"]), &["gain 1e300: ", "gains 1 to 64"]);
     bad(&with("example-2um", &["--exposure", "auto", "--roi", "0,0,5,5"]), &["--roi", "whole sensor"]);
     bad(&with("example-2um", &["--exposure", "1ms", "--roi", "0,0,61,5"]), &["is not inside the sensor"]);
     bad(&with("example-2um", &["--exposure", "1ms", "--size", "61"]), &["reaches beyond the film", "mm"]);
