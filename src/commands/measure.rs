@@ -1,12 +1,15 @@
-//! `lenscube measure`: edges, points, profiles and veiling glare of a film or chart, by the estimators of `validate`.
+//! `lenscube measure`: edges, points and profiles of a film or chart, by the estimators of `validate`; veiling glare and flare, also of raws ([`light`]).
 //!
 //! An edge is fitted between two given positions (ISO 12233: a straight line through the centroids of the line spread functions of
 //! its rows), and its pixels are averaged in bins of 1/4 px of distance. Its plateaus are the samples beyond 3/4 of the half width.
 //! Doubtful figures have remarks, meaningless ones are errors ([`quality`]).
 
+pub mod light;
+mod plane;
 pub mod quality;
 
 use crate::args::MeasureArgs;
+use crate::camera::frame::{Frame, split_group};
 use crate::failure::usage;
 use crate::open::{self, Chart};
 use crate::outputs::check_absent;
@@ -17,15 +20,19 @@ use formats::durable::{AtomicFile, finish_together};
 use formats::picture::bands::{band_key, band_series};
 use formats::picture::figure::Figure;
 use formats::picture::nearest_band;
-use formats::picture::plot::{Axis, Plot, Series, stacked};
+use formats::picture::plot::{Axis, Legend, Plot, Series, stacked};
 use formats::picture::style::Colour;
+use formats::raw::{RawSpec, RawStore};
+use light::{FlareMap, Lamp};
 use pipeline::geometry::Rect;
 use pipeline::measure::centroid::centroid;
 use pipeline::measure::edge::{EdgeLine, Esf, fit};
 use pipeline::measure::sfr::Mtf;
+use plane::{Name, Plane};
 use quality::Remark;
 use serde_json::{Value, json};
 use std::fmt::Write;
+use std::path::Path;
 
 /// Start of the plateau, as a share of the half width.
 pub const PLATEAU: f64 = 0.75;
@@ -34,9 +41,9 @@ const MAX_CY_PX: f64 = 1.0;
 /// Cache of decoded chunks.
 const CACHE_BYTES: usize = 256 << 20;
 
-/// Measurement of one band.
+/// Measurement of one band, or of a plane of a raw.
 pub struct Measurement {
-    nm: f64,
+    name: Name,
     /// Figures by name.
     pub figures: Value,
     summary: String,
@@ -51,42 +58,124 @@ pub struct Measurement {
 pub type Position = (f64, f64);
 
 /// Runs the command.
+///
+/// # Errors
+/// The film cannot be read; what is asked for is not there, or cannot be measured.
 pub fn command(args: &MeasureArgs) -> Result<()> {
-    let outputs = [&args.csv, &args.json, &args.plot];
+    let outputs = [&args.csv, &args.json, &args.plot, &args.map];
     outputs.into_iter().flatten().try_for_each(|path| check_absent(path, args.overwrite))?;
+    let is_light = args.glare.is_some() || args.flare.is_some();
+    let mut map = None;
+    let (measured, pitch_um) = match is_light && is_raw(&args.film) {
+        true => of_raw(args, &mut map)?,
+        false => of_chart(args, &mut map)?,
+    };
+    let mut files = Vec::new();
+    if let Some(path) = &args.csv {
+        files.push(AtomicFile::with_text(path, &csv(args, &measured))?);
+    }
+    if let Some(path) = &args.json {
+        let one = |m: &Measurement| {
+            let (key, name) = m.name.json();
+            json!({ key: name, "figures": m.figures, "curve": m.curve, "mtf": m.mtf })
+        };
+        let all = json!({ "film": args.film, "bands": measured.iter().map(one).collect::<Vec<_>>() });
+        files.push(AtomicFile::with_text(path, &(serde_json::to_string_pretty(&all)? + "\n"))?);
+    }
+    if let Some(path) = &args.plot {
+        files.push(figure(args, &measured, pitch_um).file(path)?);
+    }
+    if let Some((path, map)) = args.map.as_ref().zip(map) {
+        files.push(map.image().png_file(path, &map.caption())?);
+    }
+    Ok(finish_together(files)?)
+}
+
+/// Whether `name` is a raw.
+fn is_raw(name: &str) -> bool {
+    !name.starts_with("gen:") && RawStore::is_one(Path::new(split_group(name).0)).unwrap_or(false)
+}
+
+/// Fails if a map of several bands or colours is asked for.
+fn check_map(args: &MeasureArgs, what: &str, count: usize) -> Result<()> {
+    match args.map.is_some() && count > 1 {
+        true => Err(usage(format!("--map shows one of them, {} has {count} {what}", args.film))),
+        false => Ok(()),
+    }
+}
+
+/// Measurements of the bands of a film or chart, and its pixel pitch if it is known.
+fn of_chart(args: &MeasureArgs, map: &mut Option<FlareMap>) -> Result<(Vec<Measurement>, Option<f64>)> {
+    if args.frame != 0 {
+        return Err(usage(format!("--frame {}: {} is not a raw", args.frame, args.film)));
+    }
     let chart = open::chart(&args.film, args.wavelengths.as_deref(), NanPolicy::Keep, CACHE_BYTES)?;
     let all_nm = chart.wavelengths_nm()?;
     let bands = match args.band {
         Some(nm) => vec![nearest_band(&all_nm, nm)?],
         None => (0..all_nm.len()).collect(),
     };
-    let mut measured = Vec::new();
-    for band in bands {
-        let (nm, shown) = (all_nm[band], number(all_nm[band]));
-        let one = measure(args, &chart, band, nm)
-            .with_context(|| format!("measuring {} at {shown} nm", args.film))?;
-        print(format!("{shown} nm: {}", one.summary));
+    check_map(args, "bands; give --band", bands.len())?;
+    let one = |band: usize| {
+        let nm = all_nm[band];
+        let plane = Plane::Band(&chart, band);
+        let measured = match light(args, &plane, Name::Band(nm), map) {
+            Some(measured) => measured,
+            None => measure(args, &chart, band, nm),
+        };
+        measured.with_context(|| format!("measuring {} at {} nm", args.film, number(nm)))
+    };
+    Ok((printed(bands.into_iter().map(one))?, chart.pitch_um()))
+}
+
+/// Measurements of the colours of a raw, and its pixel pitch.
+fn of_raw(args: &MeasureArgs, map: &mut Option<FlareMap>) -> Result<(Vec<Measurement>, Option<f64>)> {
+    if args.band.is_some() || args.wavelengths.is_some() {
+        return Err(usage(format!("--band and --wavelengths: {} is a raw, which has colours", args.film)));
+    }
+    let chunk = RawSpec::chunk_shape();
+    let width = Frame::open(&args.film, args.frame, 0)?.rect.width;
+    let frame = Frame::open(&args.film, args.frame, 2 * 4 * chunk.0 * width.next_multiple_of(chunk.1))?;
+    let names: Vec<String> = frame.sensor.planes().iter().map(|name| (*name).to_owned()).collect();
+    check_map(args, "colours", names.len())?;
+    let one = |(plane, name): (usize, &String)| {
+        let measured = light(args, &Plane::Raw(&frame, plane), Name::Plane(name.clone()), map);
+        measured
+            .context("only light is measured in raws")?
+            .with_context(|| format!("measuring plane {name} of {}", args.film))
+    };
+    let pitch_um = Some(frame.spec.pitch_um);
+    Ok((printed(names.iter().enumerate().map(one))?, pitch_um))
+}
+
+/// Prints each measurement as it is made, with its remarks.
+fn printed(all: impl Iterator<Item = Result<Measurement>>) -> Result<Vec<Measurement>> {
+    let print_one = |measured: Result<Measurement>| {
+        let one = measured?;
+        print(format!("{}: {}", one.name, one.summary));
         for remark in &one.remarks {
-            print(format!("{shown} nm: DOUBTFUL: {}", remark.text));
+            print(format!("{}: DOUBTFUL: {}", one.name, remark.text));
         }
-        measured.push(one);
+        Ok(one)
+    };
+    all.map(print_one).collect()
+}
+
+/// Veiling glare or flare, if one of them is asked for.
+fn light(
+    args: &MeasureArgs,
+    plane: &Plane<'_>,
+    name: Name,
+    map: &mut Option<FlareMap>,
+) -> Option<Result<Measurement>> {
+    if let Some((black, white)) = args.glare.zip(args.white_area) {
+        return Some(light::glare(plane, name, (black, white)));
     }
-    let mut files = Vec::new();
-    if let Some(path) = &args.csv {
-        files.push(AtomicFile::with_text(path, &csv(args, &measured))?);
+    let (x, y, radius_px) = args.flare?;
+    if args.map.is_some() {
+        *map = Some(FlareMap::new(plane.size()));
     }
-    if let Some(path) = &args.json {
-        let bands: Vec<Value> = measured
-            .iter()
-            .map(|m| json!({ "wavelength_nm": m.nm, "figures": m.figures, "curve": m.curve, "mtf": m.mtf }))
-            .collect();
-        let all = json!({ "film": args.film, "bands": bands });
-        files.push(AtomicFile::with_text(path, &(serde_json::to_string_pretty(&all)? + "\n"))?);
-    }
-    if let Some(path) = &args.plot {
-        files.push(figure(args, &measured, chart.pitch_um()).file(path)?);
-    }
-    Ok(finish_together(files)?)
+    Some(light::flare(plane, name, Lamp { centre_px: (y, x), radius_px }, args.white_area, map.as_mut()))
 }
 
 fn measure(args: &MeasureArgs, chart: &Chart, band: usize, nm: f64) -> Result<Measurement> {
@@ -96,9 +185,6 @@ fn measure(args: &MeasureArgs, chart: &Chart, band: usize, nm: f64) -> Result<Me
     }
     if let Some([x0, y0, x1, y1]) = args.profile {
         return profile(chart, band, nm, ((y0, x0), (y1, x1)));
-    }
-    if let Some((black, white)) = args.glare.zip(args.white_area) {
-        return glare(chart, band, nm, (black, white));
     }
     points(chart, band, nm, args.points.iter().flat_map(|p| &p.0), half)
 }
@@ -186,7 +272,7 @@ pub fn edge(
     let in_lp_mm = mtf50_lp_mm.map_or(String::new(), |v| format!(" ({v:.2} lp/mm)"));
     let number = |v: Option<f64>| v.map_or("none".into(), |v| format!("{v:.4}"));
     Ok(Measurement {
-        nm,
+        name: Name::Band(nm),
         summary: format!(
             "edge through row {:.3}, column {:.3}, normal {angle:.3} deg; 10-90 % rise {} px, MTF50 {} cycles/px{in_lp_mm}",
             line.at_px.0,
@@ -201,42 +287,6 @@ pub fn edge(
         remarks,
         curve: esf.samples.iter().map(|s| (s.distance_px, s.value)).collect(),
         mtf: mtf.frequency_cy_px.iter().copied().zip(mtf.modulation.iter().copied()).collect(),
-    })
-}
-
-/// Mean and standard deviation of the pixels of `rect`.
-fn statistics(chart: &Chart, band: usize, rect: Rect, what: &str) -> Result<(f64, f64)> {
-    let pixels = read(chart, band, rect, what)?;
-    let n = pixels.len() as f64;
-    let mean = pixels.iter().map(|v| f64::from(*v)).sum::<f64>() / n;
-    let variance = pixels.iter().map(|v| (f64::from(*v) - mean).powi(2)).sum::<f64>() / n;
-    Ok((mean, variance.sqrt()))
-}
-
-/// Veiling glare index: the mean of a black area over that of a white one, ISO 9358. In dB as a ratio of signals, 20 log₁₀.
-fn glare(chart: &Chart, band: usize, nm: f64, (black, white): (Rect, Rect)) -> Result<Measurement> {
-    let (of_black, black_deviation) = statistics(chart, band, black, "the black area")?;
-    let (of_white, white_deviation) = statistics(chart, band, white, "the white area")?;
-    if of_white <= 0.0 {
-        anyhow::bail!("--white-area {white}: its mean is {of_white}, expected light");
-    }
-    let index = of_black / of_white;
-    let attenuation_db = (index > 0.0).then(|| -20.0 * index.log10());
-    let in_db = attenuation_db.map_or(String::new(), |db| format!(" (-{db:.2} dB)"));
-    Ok(Measurement {
-        nm,
-        summary: format!(
-            "veiling glare index {:.4} %{in_db}: black {of_black:.6e}, standard deviation {black_deviation:.2e}; white {of_white:.6e}, {white_deviation:.2e}",
-            100.0 * index
-        ),
-        figures: json!({
-            "veiling_glare_index": index, "attenuation_db": attenuation_db,
-            "black": of_black, "black_deviation": black_deviation,
-            "white": of_white, "white_deviation": white_deviation,
-        }),
-        remarks: Vec::new(),
-        curve: Vec::new(),
-        mtf: Vec::new(),
     })
 }
 
@@ -260,7 +310,14 @@ fn points<'a>(
     let figures: Vec<Value> = centroids.iter().map(|(y, x)| json!({ "row": y, "column": x })).collect();
     let curve = centroids.iter().map(|(y, x)| (*x, *y)).collect();
     let summary = summary.join("; ");
-    Ok(Measurement { nm, figures: json!(figures), summary, remarks: Vec::new(), curve, mtf: Vec::new() })
+    Ok(Measurement {
+        name: Name::Band(nm),
+        figures: json!(figures),
+        summary,
+        remarks: Vec::new(),
+        curve,
+        mtf: Vec::new(),
+    })
 }
 
 fn profile(chart: &Chart, band: usize, nm: f64, (a, b): (Position, Position)) -> Result<Measurement> {
@@ -287,7 +344,7 @@ fn profile(chart: &Chart, band: usize, nm: f64, (a, b): (Position, Position)) ->
     let (low, high) = curve.iter().fold((f64::MAX, f64::MIN), |(l, h), p| (l.min(p.1), h.max(p.1)));
     let mean = curve.iter().map(|p| p.1).sum::<f64>() / curve.len() as f64;
     Ok(Measurement {
-        nm,
+        name: Name::Band(nm),
         summary: format!("{} values, {low:.6} to {high:.6}, mean {mean:.6}", curve.len()),
         figures: json!({ "least": low, "most": high, "mean": mean }),
         remarks: Vec::new(),
@@ -297,16 +354,21 @@ fn profile(chart: &Chart, band: usize, nm: f64, (a, b): (Position, Position)) ->
 }
 
 fn csv(args: &MeasureArgs, measured: &[Measurement]) -> String {
-    let columns = match (args.edge.is_some(), args.points.is_some()) {
-        (true, _) => "distance_px,edge_spread",
-        (_, true) => "column,row",
-        _ => "distance_px,value",
+    let columns = match () {
+        () if args.edge.is_some() => "distance_px,edge_spread",
+        () if args.points.is_some() => "column,row",
+        () if args.flare.is_some() => "distance_px,normalised_flare",
+        () => "distance_px,value",
     };
-    let mut text = format!("wavelength_nm,{columns}\n");
+    let key = measured.first().map_or("wavelength_nm", |m| m.name.json().0);
+    let mut text = format!("{key},{columns}\n");
     for m in measured {
         for (x, y) in &m.curve {
             // Writing to a String cannot fail.
-            let _ = writeln!(text, "{},{x:.6},{y:.8}", m.nm);
+            let _ = match args.flare {
+                None => writeln!(text, "{},{x:.6},{y:.8}", m.name.csv()),
+                Some(_) => writeln!(text, "{},{x:.6},{y:.6e}", m.name.csv()),
+            };
         }
     }
     text
@@ -314,13 +376,31 @@ fn csv(args: &MeasureArgs, measured: &[Measurement]) -> String {
 
 /// Edge spread function and MTF of an edge, or values along a line. `pitch_um`: pixel pitch, if known.
 fn figure(args: &MeasureArgs, measured: &[Measurement], pitch_um: Option<f64>) -> Figure {
-    let nm: Vec<f64> = measured.iter().map(|m| m.nm).collect();
+    let nm: Vec<f64> = measured.iter().map(|m| m.name.nm()).collect();
+    let series = |i: usize, points| match &measured[i].name {
+        Name::Band(_) => band_series(&nm, i, points),
+        Name::Plane(name) => Series::distinct(name, points, i),
+    };
+    let key = || match measured.first().map(|m| &m.name) {
+        Some(Name::Plane(_)) => Legend::Names,
+        _ => band_key(&nm),
+    };
     let plot =
         |x: Axis, y: Axis, top: Option<(String, f64)>, curve: &dyn Fn(&Measurement) -> Vec<(f64, f64)>| {
-            let series = measured.iter().enumerate().map(|(i, m)| band_series(&nm, i, curve(m))).collect();
-            Plot { series, top, key: band_key(&nm), ..Plot::new("", x, y) }
+            let series = measured.iter().enumerate().map(|(i, m)| series(i, curve(m))).collect();
+            Plot { series, top, key: key(), ..Plot::new("", x, y) }
         };
     let um = |name: &str| pitch_um.map(|pitch| (format!("{name} (µm)"), pitch));
+    if args.flare.is_some() {
+        let axis = Axis::new("distance from the lamp (px)", 0.0, 0.0);
+        let value = Axis::new("normalised flare (dB)", 0.0, 0.0);
+        let in_db = |m: &Measurement| {
+            let lit = m.curve.iter().filter(|(_, flare)| *flare > 0.0);
+            lit.map(|(px, flare)| (*px, 20.0 * flare.log10())).collect::<Vec<_>>()
+        };
+        let profile = plot(axis, value, um("distance from the lamp"), &in_db);
+        return stacked("Flare of a lamp", &[profile], args.style);
+    }
     if args.edge.is_none() {
         let axis = Axis::new("distance along the line (px)", 0.0, 0.0);
         let value = Axis::new("value", 0.0, 0.0);

@@ -28,6 +28,13 @@ pub struct Remark {
     pub text: String,
 }
 
+impl Remark {
+    /// A remark with its name for programs and its text.
+    pub fn new(name: &'static str, text: String) -> Self {
+        Self { name, text }
+    }
+}
+
 /// The names of remarks.
 pub fn names(remarks: &[Remark]) -> Value {
     json!(remarks.iter().map(|r| r.name).collect::<Vec<_>>())
