@@ -64,6 +64,8 @@ pub const MAGNIFICATION: Bound = bound("the magnification", "", -1e6, 1e6);
 pub const DEFOCUS_MM: Bound = bound("the defocus", "mm", -1e5, 1e5);
 /// Width of a band, nm.
 pub const BAND_WIDTH_NM: Bound = bound("the width of a band", "nm", 1e-3, 1e5);
+/// RMS roughness of the surfaces of a lens, nm: polished ones have 0.3 to 5.
+pub const ROUGHNESS_NM: Bound = bound("the roughness of surfaces", "nm", 0.0, 1000.0);
 /// Shoulder of scattered light on the film, µm.
 pub const SCATTER_SHOULDER_UM: Bound = bound("r0 of scatter", "µm", 1.0, 1e6);
 /// Slope of scattered light with distance: polished surfaces have 1 to 3; above 1, so that the light within a distance is finite.

@@ -5,6 +5,7 @@ use super::depth::{Depth, DepthRequest, LensFacts};
 use super::field_height::field_height_mm;
 use super::frame::{Named, frame};
 use super::ghosts;
+use super::scatter::JobScatter;
 use crate::args::{RunArgs, bands};
 use crate::failure::{other_job, usage};
 use crate::job::lens::UntracedLens;
@@ -61,6 +62,8 @@ pub struct Inputs {
     pub depth: Option<Depth>,
     /// Notes on distances, also on those of a flat chart.
     pub depth_notes: Vec<String>,
+    /// Scatter, if there is any.
+    pub scatter: Option<JobScatter>,
     /// What ghosts add to the identity of the job, if there are any.
     pub ghosts: Option<Value>,
     /// Bands of the film that this process computes; all, unless it does units of a plan.
@@ -90,7 +93,8 @@ impl Inputs {
         let named = Named { chart_name: &args.chart, chart: &chart, lens_name: &args.lens, lens: &lens };
         let frame = frame(&args.placement, named)?;
         let field_height_mm = field_height_mm(&lens)?;
-        let selected_nm = selected_bands.iter().map(|&b| all_nm[b]).collect();
+        let selected_nm: Vec<f64> = selected_bands.iter().map(|&b| all_nm[b]).collect();
+        let scatter = JobScatter::new(args, &lens, &selected_nm)?;
         let lens = lens.with_bands_of(&all_nm, !surfaces.is_empty())?;
         let nodes = lens.depth_nodes(&args.lens, !surfaces.is_empty())?;
         let (depth, depth_notes) = match surfaces.is_empty() {
@@ -114,6 +118,7 @@ impl Inputs {
             selected_nm,
             depth,
             depth_notes,
+            scatter,
             ghosts,
             film_bands,
         };

@@ -11,6 +11,7 @@ pub mod light;
 pub mod paraxial_rays;
 pub mod pattern_spot;
 mod refocus;
+pub mod roughness;
 pub mod seidel;
 pub mod spots;
 #[cfg(test)]

@@ -86,19 +86,6 @@ impl ScatterKernel {
     }
 }
 
-/// Share of the light that a polished surface of roughness `rms_nm` (root mean square) scatters at `wavelength_nm`, from index `before` to `behind`:
-/// 1 − exp(−(2π Δn σ/λ)²), Δn = 2 n of a mirror.
-pub fn total_integrated_scatter(
-    rms_nm: f64,
-    wavelength_nm: f64,
-    (before, behind): (f64, f64),
-    is_mirror: bool,
-) -> f64 {
-    let step = if is_mirror { 2.0 * before } else { (behind - before).abs() };
-    let phase = 2.0 * PI * step * rms_nm / wavelength_nm;
-    -real::expm1(-phase * phase)
-}
-
 #[cfg(test)]
 mod tests {
     use super::*;
@@ -153,12 +140,4 @@ mod tests {
         ((0, 5), 0.0013419002955332745),
         ((12, 7), 0.00010605171999763522),
     ];
-
-    #[test]
-    fn polished_surfaces_scatter_little() {
-        let glass = total_integrated_scatter(1.0, 550.0, (1.0, 1.5), false);
-        assert!((glass / (2.0 * PI * 0.5 / 550.0).powi(2) - 1.0).abs() < 1e-4, "{glass}");
-        let mirror = total_integrated_scatter(1.0, 550.0, (1.0, 1.0), true);
-        assert!((mirror / (4.0 * PI / 550.0).powi(2) - 1.0).abs() < 1e-3, "{mirror}");
-    }
 }
