@@ -68,7 +68,7 @@ pub use status::{StatusArgs, VerifyArgs};
 pub use tracing::{BandSamplesArg, TracingArgs};
 pub use validate::{Quantity, ValidateArgs};
 pub use values::{band_indices, size_order_note};
-pub use veil::BinArg;
+pub use veil::{BinArg, MAX_SHARE, MAX_SUM, ScatterAmount, ScatterArg, VeilArgs};
 pub use work::{PlanArgs, ProgressArg, RunCommand};
 
 use crate::failure::usage;

@@ -29,7 +29,9 @@ pub mod light_units;
 pub mod memory;
 mod notes;
 pub mod preview;
+mod reduced;
 mod resources;
+mod scatter;
 pub mod stages;
 pub mod stretch;
 mod veil;
@@ -58,6 +60,7 @@ use pipeline::band::{BandPlan, Options};
 use pipeline::cuda::memory::DeviceQueue;
 use pipeline::geometry::Frame;
 use pipeline::tiling::FilmRegion;
+use reduced::ReducedCharts;
 use serde_json::{Map, Value};
 use stretch::RemapStretch;
 use veil::JobVeil;
@@ -86,6 +89,8 @@ pub struct Job {
     pub film: FilmSpec,
     /// Layers of light of the film, in the order of its layout.
     pub layers: Vec<Box<dyn JobLayer>>,
+    /// Reduced charts, of which the layers are computed.
+    pub reduced: ReducedCharts,
     /// Regions of the film to compute.
     pub regions: Vec<FilmRegion>,
     /// Everything that changes pixels, as readable JSON.
@@ -164,10 +169,9 @@ impl<'a> UntracedJob<'a> {
         let opened = Opened::new(args)?;
         let arguments = Arguments::resolve(args, opened.has_depth())?;
         let (inputs, lens) = Inputs::new(args, opened, planned.map(|p| p.bands))?;
-        let bands = inputs.selected_nm.len();
         let nm = &inputs.selected_nm;
         let ghosts = JobGhosts::new(args, &lens, &inputs.frame, nm, arguments.threads)?;
-        let veil = JobVeil::new(args, &inputs.frame, bands, arguments.threads, ghosts)?;
+        let veil = JobVeil::new(args, &inputs, arguments.threads, ghosts)?;
         let layers: Vec<Box<dyn JobLayer>> = veil.into_iter().map(|veil| Box::new(veil) as _).collect();
         let film = film::film_spec(&arguments, &inputs.frame, inputs.selected_nm.clone(), &inputs, &layers)?;
         light::check_pitch(args, &lens)?;
@@ -240,6 +244,10 @@ impl<'a> UntracedJob<'a> {
             lens,
             arguments.check_input,
         )?;
+        let reduced = match layers.is_empty() {
+            true => ReducedCharts::none(),
+            false => ReducedCharts::new(&inputs.chart, inputs.depth.as_ref(), args.nan)?,
+        };
         let mut notes = notes::notes(args, &inputs.chart, &plan)?;
         let coverage = Coverage::new(args, &inputs, &plan);
         notes.extend(coverage.note(args));
@@ -268,6 +276,7 @@ impl<'a> UntracedJob<'a> {
             gains: plan.gains,
             film: plan.film,
             layers,
+            reduced,
             regions: plan.regions,
             identity,
             memory,

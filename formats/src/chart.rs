@@ -67,6 +67,7 @@ mod raster;
 mod read;
 mod read_ahead;
 mod rechunk;
+mod samples_key;
 mod store;
 mod temp_file;
 mod values;

@@ -22,6 +22,7 @@ pub mod occupancy;
 pub mod plan;
 mod planes;
 mod scene;
+pub mod seen;
 pub mod sheet;
 pub mod slabs;
 mod surface;

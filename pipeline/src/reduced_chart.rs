@@ -58,6 +58,11 @@ impl ReducedChart {
         (4 * Self::cells(chart, side).pixels(), of_thread * threads)
     }
 
+    /// Pixels that a thread reads at a time, at most.
+    pub const fn block_pixels() -> usize {
+        BLOCK_PX * BLOCK_PX
+    }
+
     /// Reads band `band` of `chart` on `threads` threads; `cancel` stops it.
     ///
     /// ```

@@ -23,9 +23,11 @@
 
 pub mod fft;
 pub mod ghosts;
+mod index;
 pub mod kernel;
 pub mod light;
 mod plan;
 
+pub use index::ExpectedIndex;
 pub use kernel::ScatterKernel;
 pub use plan::{VEIL_MARGIN_BINS, VeilError, VeilMaker, VeilPlan, VeilShares};

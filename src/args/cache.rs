@@ -7,8 +7,9 @@ use clap::{Args, ValueEnum};
 #[derive(Debug, Args)]
 #[command(
     after_help = "Examples:\n  lenscube cache\n  lenscube cache trim --limit 500MB\n  lenscube cache clear\n\
-The cache holds the traced bands of designs, and their depth nodes, in XDG_CACHE_HOME or ~/.cache. A run with a design trims it to 2 GB; what was used in \
-the last hour stays. Removed bands are traced again, about half a second each."
+The cache holds the traced bands of designs, their depth nodes, and the reduced charts of films with scatter, glare or ghosts, in XDG_CACHE_HOME or \
+~/.cache. A run that uses it trims it to 2 GB; what was used in the last hour stays. Removed bands are traced again, about half a second each, and removed \
+charts read again."
 )]
 pub struct CacheArgs {
     /// What to do

@@ -1,4 +1,4 @@
-//! `lenscube cache`: size of the cache of traced bands, and removal of the least recently used.
+//! `lenscube cache`: size of the cache of traced bands and reduced charts, and removal of the least recently used.
 //!
 //! The last use of an entry is the later of its times of last access and last modification; where the file system records no access, that
 //! of its creation.
@@ -32,7 +32,7 @@ pub fn command(args: &CacheArgs) -> Result<()> {
     Ok(())
 }
 
-/// Removes the least recently used entries beyond [`LIMIT`], after a run with a design. What cannot be removed remains for the next run.
+/// Removes the least recently used entries beyond [`LIMIT`], after a run. What cannot be removed remains for the next run.
 pub fn trim_after_run() {
     let Some(all) = directory().and_then(|d| entries(&d).ok()) else { return };
     let now = SystemTime::now();

@@ -139,9 +139,9 @@ fn run_units(units: &Units, given: &RunCommand, matches: &ArgMatches, jsonl: Opt
     Ok(code)
 }
 
-/// Trims the cache of traced bands after a run with a design.
+/// Trims the cache after a run that may have added to it: of traced bands, with a design, or of reduced charts.
 fn trim_cache(args: &RunArgs) {
-    if design::is_design(&args.lens) {
+    if design::is_design(&args.lens) || args.veil.is_on() {
         cache::trim_after_run();
     }
 }

@@ -212,6 +212,11 @@ impl Depth {
             .try_for_each(|chart| Ok(chart.limit_values(max)?))
     }
 
+    /// Whether the job's chart is all that is seen.
+    pub fn is_opaque(&self) -> bool {
+        matches!(&self.sheets[..], [only] if only.depth.coverage().is_none())
+    }
+
     /// Number of surfaces.
     pub fn count(&self) -> usize {
         self.sheets.len()

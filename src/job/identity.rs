@@ -16,7 +16,7 @@ use serde_json::{Map, Value, json};
 use std::path::Path;
 
 /// Version of the arithmetic of flat charts: raised whenever the program computes other pixel values for the same job.
-const NUMERIC_VERSION: u32 = 4;
+pub(super) const NUMERIC_VERSION: u32 = 4;
 /// That of surfaces at several distances, at least [`NUMERIC_VERSION`].
 const DEPTH_NUMERIC_VERSION: u32 = 5;
 
@@ -67,6 +67,7 @@ pub fn identity(
         map.insert("depth".into(), surfaces);
     }
     map.extend(veil::identity(args, frame));
+    map.extend(inputs.scatter.iter().map(|scatter| ("scatter".to_owned(), scatter.identity())));
     map.extend(inputs.ghosts.iter().map(|ghosts| ("ghosts".to_owned(), ghosts.clone())));
     if let Some(bands) = args.tracing.integrated_bands() {
         map.insert("band_samples".into(), json!({ "count": bands.count, "width_nm": bands.width_nm }));

@@ -1,5 +1,6 @@
 //! Layers of light of a job: each is computed before the tiles of a band, stored with the film, and added to its shards ([`super::stages`]).
 
+use super::reduced::ReducedCharts;
 use formats::film::FilmLayer;
 use pipeline::band::{BandPlan, Options};
 use pipeline::flow::{ChartSource, SourceSinkError};
@@ -33,10 +34,14 @@ pub trait JobLayer: Send + Sync {
 
 /// What the layers of a band are computed from.
 pub struct LayerInputs<'a> {
-    /// The chart.
+    /// The chart; of surfaces at several distances what is seen of them.
     pub chart: &'a dyn ChartSource,
+    /// Its reduced bands.
+    pub reduced: &'a ReducedCharts,
     /// Band of the chart.
     pub chart_band: usize,
+    /// Band of the film.
+    pub film_band: usize,
     /// Film, axis, place of the chart.
     pub frame: &'a Frame,
     /// The band's plan.

@@ -9,7 +9,9 @@
 mod depth;
 mod spectra;
 
+use crate::args::BinArg;
 use crate::job::stretch::RemapStretch;
+use crate::job::veil::VEIL;
 use crate::machine::MemoryLimit;
 use crate::progress::mib;
 use anyhow::Result;
@@ -330,6 +332,16 @@ impl MemoryInputs<'_> {
                  re-chunk the chart, e.g. into (1, 512, 512)",
                 threads.min(self.chunks.count),
                 mib(self.chunks.values),
+            );
+        }
+        let largest = BinArg::LARGEST_PX;
+        let finer =
+            self.film.layers.iter().any(|l| l.name == VEIL && l.bin_px.iter().any(|px| *px < largest));
+        if finer && self.layer_making >= missing {
+            return format!(
+                "light that spreads over the film takes {} while it is computed, all together at least {min}; raise the limit, or compute it on \
+                 larger bins, --veil-bin {largest}",
+                mib(self.layer_making)
             );
         }
         format!(

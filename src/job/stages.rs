@@ -8,7 +8,8 @@ use formats::film::FilmStore;
 use formats::group::GroupError;
 use formats::lens::LensPackError;
 use pipeline::band::BandStages;
-use pipeline::flow::SourceSinkError;
+use pipeline::depth::seen::SeenChart;
+use pipeline::flow::{ChartSource, SourceSinkError};
 use pipeline::layer::Layer;
 use std::sync::Mutex;
 
@@ -48,9 +49,13 @@ pub fn stages(job: &Job, position: usize) -> Result<BandStages, StageError> {
 /// A stored layer is damaged; the chart cannot be read; the film cannot be written.
 fn layers(job: &Job, store: &FilmStore, position: usize) -> Result<Vec<Layer>, SourceSinkError> {
     let band = job.film_bands[position];
+    let seen = job.depth.as_ref().filter(|depth| !depth.is_opaque());
+    let seen = seen.map(|depth| SeenChart::new(job.chart.source(), depth.sheets()));
     let inputs = LayerInputs {
-        chart: job.chart.source(),
+        chart: seen.as_ref().map_or_else(|| job.chart.source(), |seen| seen as &dyn ChartSource),
+        reduced: &job.reduced,
         chart_band: job.chart_bands[position],
+        film_band: band,
         frame: &job.frame,
         plan: &job.plans[position],
         options: &job.options,

@@ -3,71 +3,109 @@
 use crate::args::{BinArg, RunArgs};
 use crate::failure::usage;
 use crate::job::ghosts::JobGhosts;
+use crate::job::inputs::Inputs;
 use crate::job::layers::{JobLayer, LayerInputs};
+use crate::progress::{log_line, number};
 use anyhow::Result;
 use formats::film::FilmLayer;
-use formats::object;
+use pipeline::depth::seen::SeenChart;
+use pipeline::design::ghost::rings::RingOperator;
 use pipeline::flow::SourceSinkError;
 use pipeline::geometry::Frame;
 use pipeline::layer::Taps;
 use pipeline::reduced_chart::ReducedChart;
-use pipeline::veil::{VEIL_MARGIN_BINS, VeilMaker, VeilPlan, VeilShares};
+use pipeline::veil::{ExpectedIndex, VEIL_MARGIN_BINS, VeilMaker, VeilPlan, VeilShares};
 use serde_json::{Map, Value, json};
+use std::sync::Once;
 
 /// Name of the layer.
-const NAME: &str = "veil";
+pub const VEIL: &str = "veil";
 
 /// The veil of a job.
 pub struct JobVeil {
     maker: VeilMaker,
-    shares: VeilShares,
+    /// Per band of the film.
+    shares: Vec<VeilShares>,
     ghosts: Option<JobGhosts>,
     stored: FilmLayer,
     making_bytes: usize,
+    /// Whether the expected index was printed.
+    is_noted: Once,
 }
 
 impl JobVeil {
-    /// The veil of `args` on the film of `frame` in `bands` bands, computed by `threads` threads; `None` without one.
+    /// The veil of `args` on the film of `inputs`, computed by `threads` threads; `None` without one.
     ///
     /// # Errors
     /// Usage: shares, bins or reach that do not fit.
     pub fn new(
         args: &RunArgs,
-        frame: &Frame,
-        bands: usize,
+        inputs: &Inputs,
         threads: usize,
         ghosts: Option<JobGhosts>,
     ) -> Result<Option<Self>> {
+        let (frame, scatter) = (&inputs.frame, inputs.scatter.as_ref());
+        let bands = inputs.selected_nm.len();
         if let Some(contradiction) = args.veil.contradiction() {
             return Err(usage(contradiction));
         }
         if !args.veil.is_on() {
             return Ok(None);
         }
-        let scatter = args.veil.scattered();
-        let shape = scatter.map(|s| (s.shoulder_um * 1e-3, s.slope, s.reach_mm));
+        let asked = scatter.map(|scatter| scatter.asked);
+        let shape = asked.map(|s| (s.shoulder_um * 1e-3, s.slope, s.reach_mm));
         let bin_px = bin_px(args, frame);
-        let plan = VeilPlan::new(frame, bin_px, shape).map_err(|e| match scatter {
-            Some(scatter) => usage(format!("--scatter {scatter} with --veil-bin {bin_px}: {e}")),
+        let plan = VeilPlan::new(frame, bin_px, shape).map_err(|e| match asked {
+            Some(asked) => usage(format!("--scatter {asked} with --veil-bin {bin_px}: {e}")),
             None => usage(format!("--veil-bin {bin_px}: {e}")),
         })?;
-        let shares =
-            VeilShares { glare: args.veil.glare(), scatter: scatter.map_or(0.0, |scatter| scatter.share) };
-        let parts = [("scatter", shares.scatter), ("glare", shares.glare)];
-        let parts = parts.into_iter().filter(|part| part.1 > 0.0);
+        let glare = args.veil.glare();
+        let of_band =
+            |band| VeilShares { glare, scatter: scatter.map_or(0.0, |scatter| scatter.shares[band]) };
+        let shares: Vec<VeilShares> = (0..bands).map(of_band).collect();
+        let scattered = scatter.map(|scatter| ("scatter", scatter.described()));
+        let parts = scattered.into_iter().chain((glare > 0.0).then(|| ("glare", json!(glare))));
         let stored = FilmLayer {
-            name: NAME.into(),
+            name: VEIL.into(),
             bin_px: vec![bin_px; bands],
             margin_bins: VEIL_MARGIN_BINS,
-            share_taken: vec![shares.taken(); bands],
+            share_taken: shares.iter().map(VeilShares::taken).collect(),
             parts: parts
-                .map(|(name, share)| (name.to_owned(), json!(share)))
+                .map(|(name, share)| (name.to_owned(), share))
                 .chain(ghosts.iter().map(|ghosts| ("ghosts".to_owned(), ghosts.part())))
                 .collect(),
         };
         let of_ghosts = ghosts.as_ref().map_or(0, JobGhosts::making_bytes);
-        let making_bytes = plan.making_bytes(frame.chart, threads) + of_ghosts;
-        Ok(Some(Self { maker: VeilMaker::new(plan), shares, ghosts, stored, making_bytes }))
+        let of_surfaces = match inputs.depth.as_ref().is_some_and(|depth| !depth.is_opaque()) {
+            true => threads * SeenChart::bytes(ReducedChart::block_pixels()),
+            false => 0,
+        };
+        let making_bytes = plan.making_bytes(frame.chart, threads) + of_ghosts + of_surfaces;
+        Ok(Some(Self {
+            maker: VeilMaker::new(plan),
+            shares,
+            ghosts,
+            stored,
+            making_bytes,
+            is_noted: Once::new(),
+        }))
+    }
+
+    /// Prints the expected veiling glare index of a band.
+    fn note_index(&self, band: &LayerInputs<'_>, operator: Option<&RingOperator>) {
+        let (shares, scatter) = (self.shares[band.film_band], self.maker.plan().scatter);
+        let index = ExpectedIndex::new(band.frame, shares, scatter, operator);
+        let parts = [("ghosts", index.ghosts), ("scatter", index.scatter), ("glare", index.glare)];
+        let parts: Vec<String> = parts
+            .into_iter()
+            .filter(|(_, part)| *part > 0.0)
+            .map(|(name, part)| format!("{name} {:.3} %", 100.0 * part))
+            .collect();
+        log_line(format!(
+            "note: expected veiling glare index on the axis at {} nm: {} (black disc of 5 % of the film's height in white)",
+            number(band.plan.lens.wavelength_nm),
+            parts.join(" + ")
+        ));
     }
 }
 
@@ -88,15 +126,6 @@ pub fn identity(args: &RunArgs, frame: &Frame) -> Map<String, Value> {
     if args.veil.glare() > 0.0 {
         map.insert("veiling_glare".into(), args.veil.glare().into());
     }
-    if let Some(scatter) = args.veil.scattered() {
-        let shape = object! {
-            "share": scatter.share,
-            "r0_um": scatter.shoulder_um,
-            "slope": scatter.slope,
-            "reach_mm": scatter.reach_mm,
-        };
-        map.insert("scatter".into(), shape.into());
-    }
     let bin_px = bin_px(args, frame);
     if bin_px != VeilPlan::usual_bin_px(frame.film) {
         map.insert("veil_bin".into(), bin_px.into());
@@ -113,8 +142,8 @@ impl JobLayer for JobVeil {
         Taps::BSpline
     }
 
-    fn remaining(&self, _band: usize) -> f64 {
-        1.0 - self.shares.taken()
+    fn remaining(&self, band: usize) -> f64 {
+        1.0 - self.shares[band].taken()
     }
 
     fn making_bytes(&self) -> usize {
@@ -126,15 +155,16 @@ impl JobLayer for JobVeil {
     }
 
     fn coefficients(&self, band: &LayerInputs<'_>) -> Result<Vec<f32>, SourceSinkError> {
-        let LayerInputs { chart, chart_band, frame, plan, options, gain, threads, cancel } = *band;
-        let reduced = ReducedChart::read(chart, chart_band, self.maker.plan().reduced_px, threads, cancel)?;
+        let LayerInputs { film_band, frame, plan, options, gain, threads, .. } = *band;
+        let reduced = band.reduced.get(band, self.maker.plan().reduced_px)?;
         let operator =
             self.ghosts.as_ref().map(|ghosts| ghosts.operator(plan.lens.wavelength_nm)).transpose()?;
+        self.is_noted.call_once(|| self.note_index(band, operator.as_ref()));
         Ok(self.maker.layer(
             frame,
             &plan.lens,
             options,
-            (gain, self.shares),
+            (gain, self.shares[film_band]),
             &reduced,
             operator.as_ref(),
             threads,

@@ -3,7 +3,7 @@
 use crate::common::test_job::TestJob;
 use crate::common::{
     CommandResult, Picture, assert_error_line, assert_exit, bits, files, identity_band, lens, lenscube,
-    pixels, run, scattered, text, write_pack,
+    pixels, run, scattered, text, write_npy, write_pack,
 };
 use pipeline::geometry::Size;
 use std::fs;
@@ -290,8 +290,10 @@ fn light_that_does_not_fit_is_an_error_before_work() {
         (&["--scatter", "3%,r0=0.5"], &["r0", "1 to"]),
         (&["--scatter", "3%,reach=0.01"], &["--scatter", "reach", "4 bins of 8 film pixels"]),
         (&["--scatter", "3%,reach=5"], &["--scatter", "reach"]),
-        (&["--scatter", "3%,blur=5"], &["blur", "SHARE[,r0=UM][,slope=S][,reach=MM]"]),
+        (&["--scatter", "3%,blur=5"], &["blur", "SHARE|roughness=NM[,r0=UM][,slope=S][,reach=MM]"]),
         (&["--veiling-glare", "49%", "--scatter", "45%"], &["--veiling-glare", "--scatter", "0.9"]),
+        (&["--scatter", "roughness=-1"], &["roughness", "0 to 1e3 nm"]),
+        (&["--scatter", "roughness=1"], &["roughness", "lens pack", "--scatter SHARE"]),
         (&["--veil-bin", "16"], &["--veil-bin", "--veiling-glare"]),
         (&["--veiling-glare", "1%", "--veil-bin", "12"], &["8, 16, 32, 64 or auto"]),
         (&["--stages", "ri,veil"], &["veil"]),
@@ -306,6 +308,24 @@ fn light_that_does_not_fit_is_an_error_before_work() {
         2,
         &["--veil-bin 64", "50x40"],
     );
+}
+
+/// The limit that a job needs at least is named; one that suffices for the job without the veil is too small for that with it.
+#[test]
+fn memory_that_the_veil_lacks_is_an_error_that_names_larger_bins() {
+    let scene = Scene::new(Size::new(8, 8), |_, _| 1.0);
+    let film = scene.dir.path().join("film");
+    let with = |limit: &str, flags: &[&str]| {
+        let always = ["--outside", "clamp", "--stages", "ri,distortion", "--memory", limit, "--dry-run"];
+        let chart = "gen:checker?size=4096&wavelengths=450&pitch_um=2";
+        run(chart, &film, text(&scene.pack), &[&always[..], flags].concat())
+    };
+    let refused = with("20MiB", &[]);
+    let words: Vec<&str> = refused.stderr.split_whitespace().collect();
+    let at = words.iter().position(|word| *word == "least").unwrap();
+    let enough = words[at + 1].trim_end_matches(';');
+    with(enough, &[]).ok();
+    assert_error_line(&with(enough, &VEIL), 2, &["light that spreads over the film", "--veil-bin 64"]);
 }
 
 #[test]
@@ -333,14 +353,32 @@ fn forecast_and_plan_name_the_reading_before_the_tiles() {
     assert!(note.contains("each compute it, with the same result"), "{note}");
 }
 
+/// The veil is that of what the middle of the pupil sees: of one surface with a distance per pixel its chart, as if it were flat.
 #[test]
-fn surfaces_at_several_distances_are_an_error() {
+fn surfaces_at_several_distances_have_the_veil_of_what_is_seen() {
     let dir = tempfile::tempdir().unwrap();
-    let scene = "gen:depth-scene?size=200x160&wavelengths=550";
-    let depth = format!("{scene}&part=depth");
-    let flags = ["--depth", &*depth, "--focus-m", "1", "--scatter", "1%"];
-    let rejected = run(scene, &dir.path().join("film.zarr"), "double-gauss-28", &flags);
-    assert_error_line(&rejected, 2, &["--veiling-glare, --scatter", "--depth none"]);
+    let size = Size::new(560, 530);
+    let pack = Path::new(env!("CARGO_MANIFEST_DIR")).join("tests/golden/depth/packs/six-slabs.lens.zip");
+    let depth = dir.path().join("depth.npy");
+    let metres: Vec<f32> = (0..size.pixels()).map(|i| if i % 530 < 260 { 0.55 } else { 3.0 }).collect();
+    write_npy(&depth, size, &metres);
+    let film = |name: &str, flags: &[&str]| {
+        let film = dir.path().join(name);
+        let always = ["--wavelengths", "500", "--outside", "clamp", "--depth", text(&depth)];
+        run("gen:composite?size=530x560&overscan=0", &film, text(&pack), &[&always[..], flags].concat()).ok();
+        film
+    };
+    let pixel_values = |film: &Path| pixels(film, "film").1.remove(0);
+    let without = pixel_values(&film("without", &[]));
+    let with = film("with", &["--veiling-glare", "2%"]);
+    // Means over the film: of the layer's bins, and of the film itself, whose PSFs move light over its edge and whose blur is that of distances.
+    let mean = without.iter().map(|v| f64::from(*v)).sum::<f64>() / without.len() as f64;
+    for (a, b) in std::iter::zip(&without, pixel_values(&with)) {
+        let glare = f64::from(b) - 0.98 * f64::from(*a);
+        assert!((glare / (0.02 * mean) - 1.0).abs() < 0.02, "{glare} {}", 0.02 * mean);
+    }
+    let again = film("again", &["--veiling-glare", "2%", "--threads", "1"]);
+    assert!(files(&again) == files(&with));
 }
 
 #[test]
@@ -358,4 +396,206 @@ fn shot_has_the_veil_of_its_flags() {
         ["--sensor", "example-2um", "--keep", text(&keep), "--veiling-glare", "1%", "--memory", "1GiB"];
     lenscube(&[&words[..], &flags].concat()).ok();
     assert!(keep.join("film.zarr/veil/c/2/0/0").exists());
+}
+
+/// TIS of each surface, from the indices that `lens light` prints: 1 − Π (1 − TIS), as the film has it at each wavelength.
+#[test]
+fn roughness_scatters_what_the_surfaces_of_the_design_do() {
+    let dir = tempfile::tempdir().unwrap();
+    let film = dir.path().join("film");
+    let flags = ["--stages", "ri,distortion", "--scatter", "roughness=2,r0=5"];
+    // 587.6 nm is the primary wavelength, at which the surfaces are listed.
+    let chart = "gen:uniform?size=128&wavelengths=587.6,450&pitch_um=200&value=1";
+    run(chart, &film, "double-gauss-28", &flags).ok();
+    let metadata: serde_json::Value =
+        serde_json::from_slice(&fs::read(film.join("veil/zarr.json")).unwrap()).unwrap();
+    let [taken, parts] = ["share_taken", "parts"].map(|key| &metadata["attributes"][key]);
+    let listed = lenscube(&["lens", "light", "double-gauss-28", "--coatings", "none", "--json"]).ok().stdout;
+    let listed: serde_json::Value = serde_json::from_str(&listed).unwrap();
+    let surfaces = listed["surfaces"].as_array().unwrap();
+    let remaining = surfaces.iter().fold(1.0, |product, surface| {
+        let [before, behind] = ["index_before", "index_behind"].map(|key| surface[key].as_f64().unwrap());
+        let phase: f64 = 2.0 * std::f64::consts::PI * (behind - before) * 2.0 / 587.6;
+        product * (-phase * phase).exp()
+    });
+    let found = [0, 1].map(|band| taken[band].as_f64().unwrap());
+    assert!((found[0] / (1.0 - remaining) - 1.0).abs() < 1e-9, "{found:?} {}", 1.0 - remaining);
+    // The inverse square of the wavelength, and the dispersion of the glasses.
+    let ratio = found[1] / found[0] / (587.6f64 / 450.0).powi(2);
+    assert!((1.0..1.1).contains(&ratio), "{found:?}");
+    assert_eq!(&parts["scatter"], taken);
+    let middle: Vec<f32> = pixels(&film, "film").1.iter().map(|band| band[64 * 128 + 64]).collect();
+    assert!(middle.iter().all(|value| (value - 1.0).abs() < 1e-5), "{middle:?}");
+    let others = ["--stages", "ri,distortion", "--scatter", "roughness=2.1,r0=5"];
+    assert_error_line(&run(chart, &film, "double-gauss-28", &others), 3, &["--scatter (film {", "2.1"]);
+    let rough = ["--scatter", "roughness=900", "--dry-run"];
+    assert_error_line(&run(chart, &film, "double-gauss-28", &rough), 2, &["--scatter roughness=900", "50%"]);
+}
+
+/// The entries of the cache of reduced charts.
+fn reduced_charts(cache: &Path) -> Vec<PathBuf> {
+    let files = fs::read_dir(cache.join("lenscube/lenses")).into_iter().flatten();
+    let mut all: Vec<_> = files.map(|file| file.unwrap().path()).collect();
+    all.retain(|path| path.extension().is_some_and(|extension| extension == "reduced"));
+    all.sort();
+    all
+}
+
+#[test]
+fn reduced_chart_is_read_from_the_cache_with_the_same_film() {
+    let scene = Scene::new(Size::new(300, 310), |y, x| ((y * 7 + x * 3) % 11) as f32);
+    let written = std::time::Instant::now();
+    let (cache, other) = (scene.dir.path().join("cache"), scene.dir.path().join("other"));
+    let drawn = "gen:checker?size=256&wavelengths=450&pitch_um=2&noise=0.1";
+    let command = |chart: &str, film: &Path, cache: &Path| {
+        let mut command = std::process::Command::new(env!("CARGO_BIN_EXE_lenscube"));
+        command.args(["run", chart, text(film), "--lens", text(&scene.pack), "--outside", "clamp"]);
+        command.args(["--threads", "2", "--verbose"]).args(VEIL).env("XDG_CACHE_HOME", cache);
+        command
+    };
+    let film = |chart: &str, name: &str, cache: &Path| {
+        let film = scene.dir.path().join(name);
+        let ran = CommandResult::new(&command(chart, &film, cache).output().unwrap()).ok();
+        (files(&film), ran.stderr)
+    };
+    const FOUND: &str = "reduced chart of band 0: from the cache";
+    let (expected, first) = film(drawn, "first", &cache);
+    assert!(!first.contains(FOUND), "{first}");
+    let [entry] = &reduced_charts(&cache)[..] else { panic!("{:?}", reduced_charts(&cache)) };
+    let (again, second) = film(drawn, "second", &cache);
+    assert!(second.contains(FOUND) && again == expected, "{second}");
+    let listed = std::process::Command::new(env!("CARGO_BIN_EXE_lenscube"));
+    let mut listed = listed;
+    let listed = listed.arg("cache").env("XDG_CACHE_HOME", &cache).output().unwrap();
+    let listed = CommandResult::new(&listed).ok().stdout;
+    assert!(listed.contains("0 traced bands, 1 reduced chart band, 0.0 MB"), "{listed}");
+    // Another chart, bin or treatment of its values is another entry.
+    film("gen:checker?size=256&wavelengths=450&pitch_um=2&noise=0.2", "noisier", &cache);
+    assert_eq!(reduced_charts(&cache).len(), 2);
+    // A damaged entry is made anew.
+    let mut bytes = fs::read(entry).unwrap();
+    bytes[300] ^= 1;
+    fs::write(entry, &bytes).unwrap();
+    let (again, third) = film(drawn, "third", &cache);
+    assert!(third.contains("cannot be used (it is damaged); the chart is read again"), "{third}");
+    assert!(again == expected && reduced_charts(&cache).len() == 2 && fs::read(entry).unwrap() != bytes);
+    // A directory that cannot be one.
+    fs::write(&other, "").unwrap();
+    assert!(film(drawn, "without", &other).0 == expected);
+    // Killed before the entry has its name, then two at once.
+    let race = scene.dir.path().join("race");
+    let killed = command(drawn, &scene.dir.path().join("killed"), &race)
+        .env("LENSCUBE_FAULT", "reduced-chart-written:1:kill")
+        .output()
+        .unwrap();
+    assert!(CommandResult::new(&killed).code == KILLED && reduced_charts(&race).is_empty());
+    let both = ["one", "two"].map(|name| {
+        let mut command = command(drawn, &scene.dir.path().join(name), &race);
+        command.stdout(std::process::Stdio::null()).stderr(std::process::Stdio::null());
+        command.spawn().unwrap()
+    });
+    both.into_iter().for_each(|mut run| assert!(run.wait().unwrap().success()));
+    assert!(["one", "two"].iter().all(|name| files(&scene.dir.path().join(name)) == expected));
+    assert_eq!(fs::read_dir(race.join("lenscube/lenses")).unwrap().count(), 1, "one entry and no other file");
+    // A chart in a file is kept once its last change is as old as the steps of clocks.
+    while written.elapsed() < std::time::Duration::from_millis(4200) {
+        std::thread::sleep(std::time::Duration::from_millis(50));
+    }
+    let of_file = scene.dir.path().join("of-file");
+    let (expected, first) = film(text(&scene.chart), "file-first", &of_file);
+    let (again, second) = film(text(&scene.chart), "file-second", &of_file);
+    assert!(!first.contains(FOUND) && second.contains(FOUND) && again == expected, "{second}");
+    // Written again just now: it is read, and not kept.
+    fs::remove_dir_all(&scene.chart).unwrap();
+    Picture { size: Size::new(300, 310), bands: vec![vec![0.5; 300 * 310]] }.write(&scene.chart);
+    let (changed, third) = film(text(&scene.chart), "file-third", &of_file);
+    assert!(!third.contains(FOUND) && changed != expected && reduced_charts(&of_file).len() == 1, "{third}");
+}
+
+/// A raw is measured in electrons without black level and dark signal: its index is that of its film, whose bands are all alike.
+#[test]
+fn index_of_a_raw_is_that_of_its_film() {
+    let dir = tempfile::tempdir().unwrap();
+    let (keep, out) = (dir.path().join("shot"), dir.path().join("shot.png"));
+    let chart = "gen:black-spots?size=400&wavelengths=450:650:50&spots=1&diameter=40%";
+    let words = ["shoot", chart, text(&out), "--lens", "double-gauss-28-npz", "--sensor", "example-2um"];
+    let flags = ["--keep", text(&keep), "--veiling-glare", "5%", "--memory", "1GiB"];
+    lenscube(&[&words[..], &flags].concat()).ok();
+    let areas = ["--glare", "180,180,40,40", "--white-area", "5,5,30,30"];
+    let index = |name: &str, key: &str| -> Vec<(String, f64)> {
+        let json = dir.path().join(format!("{name}.json"));
+        let path = keep.join(name);
+        lenscube(&[&["measure", text(&path), "--json", text(&json)], &areas[..]].concat()).ok();
+        let json: serde_json::Value = serde_json::from_slice(&fs::read(json).unwrap()).unwrap();
+        let one = |band: &serde_json::Value| {
+            (band[key].to_string(), band["figures"]["veiling_glare_index"].as_f64().unwrap())
+        };
+        json["bands"].as_array().unwrap().iter().map(one).collect()
+    };
+    let film = index("film.zarr", "wavelength_nm");
+    let raw = index("raw.zarr", "plane");
+    assert_eq!(raw.iter().map(|(plane, _)| &**plane).collect::<Vec<_>>(), ["\"R\"", "\"G\"", "\"B\""]);
+    let expected = film.iter().map(|(_, index)| index).sum::<f64>() / film.len() as f64;
+    assert!(film.iter().all(|(_, index)| (index / expected - 1.0).abs() < 1e-2), "{film:?}");
+    assert!(raw.iter().all(|(_, index)| (index / expected - 1.0).abs() < 0.03), "{raw:?} {expected}");
+    let path = keep.join("raw.zarr");
+    let tiny = ["measure", text(&path), "--glare", "180,180,40,40", "--white-area", "5,5,1,1"];
+    assert_exit(&lenscube(&tiny), 2, &["the white area", "no pixel of this colour"]);
+    let frame = [&["measure", text(&path), "--frame", "1"], &areas[..]].concat();
+    assert_exit(&lenscube(&frame), 2, &["--frame 1"]);
+}
+
+/// Glare of a lamp on a dark ground: everywhere the same share of the light of the film, so all percentiles are one value, and the light outside over that inside follows from it.
+#[test]
+fn flare_of_a_lamp_with_glare_has_its_closed_form() {
+    let scene = Scene::new(Size::new(8, 8), |_, _| 1.0);
+    let at = |name: &str| scene.dir.path().join(name);
+    let (film, json, csv) = (at("lamp.zarr"), at("flare.json"), at("flare.csv"));
+    // Radius 20.5 px about pixel (150, 140).
+    let chart = "gen:lamp?size=304&radius=20.5&x=140&y=150&wavelengths=450&pitch_um=2&overscan=0";
+    let flags = ["--stages", "ri,distortion", "--veiling-glare", "1%", "--outside", "clamp"];
+    run(chart, &film, text(&scene.pack), &flags).ok();
+    let (map, plot) = (at("map.png"), at("flare.svg"));
+    let words = ["measure", text(&film), "--flare", "140,150,22", "--json", text(&json), "--csv", text(&csv)];
+    let outputs = ["--map", text(&map), "--plot", text(&plot)];
+    let measured = lenscube(&[&words[..], &outputs].concat()).ok().stdout;
+    assert!(
+        measured.contains("450 nm: normalised flare of the lamp") && measured.contains(" dB)"),
+        "{measured}"
+    );
+    let json: serde_json::Value = serde_json::from_slice(&fs::read(json).unwrap()).unwrap();
+    let figures = &json["bands"][0]["figures"];
+    // Light of 1 in the lamp of area π r² = s of the film: 0.99 + 0.01 s in it, 0.01 s beside it; within 22 px are n pixels of which π r² have the lamp.
+    let share = std::f64::consts::PI * 20.5 * 20.5 / (304.0 * 304.0);
+    let place = |i: usize| ((i / 304) as f64, (i % 304) as f64);
+    let inside = (0..304 * 304).map(place).filter(|(y, x)| (y - 150.0).hypot(x - 140.0) <= 22.0);
+    let n = inside.count() as f64;
+    let lamp = 0.01 * share + 0.99 * share * 304.0 * 304.0 / n;
+    for percentile in ["p50", "p95", "p99_9"] {
+        let found = figures["normalised_flare"][percentile].as_f64().unwrap();
+        // The ground has a millionth of the lamp's light; steps of the percentiles.
+        assert!(
+            (found / (0.01 * share / lamp) - 1.0).abs() < 1.5e-3,
+            "{percentile}: {found} {}",
+            0.01 * share / lamp
+        );
+    }
+    let outside = 0.01 * share * (304.0 * 304.0 - n) / (lamp * n);
+    let found = figures["outside_over_inside"].as_f64().unwrap();
+    assert!((found / outside - 1.0).abs() < 1e-3, "{found} {outside}");
+    let profile = fs::read_to_string(csv).unwrap();
+    assert!(profile.starts_with("wavelength_nm,distance_px,normalised_flare\n450,0.500000,"), "{profile}");
+    assert!(
+        fs::read(map).unwrap().starts_with(b"\x89PNG")
+            && fs::read_to_string(plot).unwrap().contains("normalised flare (dB)")
+    );
+    for (flags, texts) in [
+        (&["--flare", "5,150,22"][..], &["--flare", "is not inside the image of 304x304"][..]),
+        (&["--flare", "140,150,0.5"], &["--flare", "the radius"]),
+        (&["--flare", "140,150,22", "--map", "map.svg"], &["--map", ".png"]),
+        (&["--points", "140,150", "--map", "map.png"], &["--flare"]),
+        (&["--flare", "140,150,22", "--frame", "1"], &["--frame", "not a raw"]),
+    ] {
+        assert_exit(&lenscube(&[&["measure", text(&film)], flags].concat()), 2, texts);
+    }
 }

@@ -69,6 +69,14 @@ impl WatchedFile {
         matches!(self.state, State::Data(_)).then_some(&*self.path)
     }
 
+    /// State of a data file when the chart was opened; `None` for a header.
+    pub(super) fn data_state(&self) -> Option<FileState> {
+        match self.state {
+            State::Data(state) => Some(state),
+            State::Header { .. } => None,
+        }
+    }
+
     /// Checks that the path still leads to the same file in the same state.
     ///
     /// # Errors

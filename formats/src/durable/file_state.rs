@@ -29,6 +29,11 @@ impl FileState {
         }
     }
 
+    /// Time of the last change of content or status, s since 1970.
+    pub(crate) fn changed_s(&self) -> i64 {
+        self.modified.0.max(self.status_changed.0)
+    }
+
     /// State of the file at `path`; `None` if there is none.
     pub(crate) fn from_path(path: &Path) -> Option<Self> {
         std::fs::metadata(path).ok().map(|meta| Self::from_metadata(&meta))

@@ -85,7 +85,6 @@ pub static DESCRIPTIONS: [Description; 4] = [
         flags: "--veiling-glare, --scatter",
         always_in_identity: false,
         on_gpus: true,
-        with_depth: false,
         // A layer: its memory and the cost of making it are those of the job's layers.
         cost: |_| Cost { pixel_ns: LAYER_NS, band_s: 0.0 },
         ..OF_REMAP

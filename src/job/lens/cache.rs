@@ -1,4 +1,4 @@
-//! Cache of traced bands in the user's cache directory: one lens pack of one band per file.
+//! Cache of traced bands in the user's cache directory: one lens pack of one band per file. Beside them lie depth nodes and reduced charts.
 //!
 //! Files are named `RECIPE-CONTENT.lens.zip`, each part the first 32 hex digits of a blake3 digest. RECIPE is the digest of all
 //! inputs of the trace (design, wavelength, options, version of the tracer). CONTENT is the digest of the file, so a truncated,
@@ -8,6 +8,7 @@
 
 pub mod entries;
 mod placements;
+pub mod reduced;
 
 use crate::machine::user_cache;
 use crate::progress::log_line;

@@ -1,6 +1,6 @@
-//! Files of the cache: traced bands, and the depth nodes of bands.
+//! Files of the cache: traced bands, the depth nodes of bands, and reduced charts.
 
-use super::{EXTENSION, placements};
+use super::{EXTENSION, placements, reduced};
 use crate::progress::plural;
 use anyhow::{Context, Result};
 use std::path::{Path, PathBuf};
@@ -13,6 +13,8 @@ pub enum Kind {
     Band,
     /// Where the depth nodes of a band lie.
     Nodes,
+    /// A band of a chart, reduced.
+    Reduced,
 }
 
 /// A file of the cache.
@@ -40,11 +42,12 @@ pub fn entries(directory: &Path) -> Result<Vec<Entry>> {
     for entry in listed.flatten() {
         let name = entry.file_name();
         let ends = |extension: &str| name.to_string_lossy().ends_with(extension);
-        let kind = match (ends(EXTENSION), ends(placements::EXTENSION)) {
-            (true, _) => Kind::Band,
-            (_, true) => Kind::Nodes,
-            _ => continue,
-        };
+        let kinds = [
+            (EXTENSION, Kind::Band),
+            (placements::EXTENSION, Kind::Nodes),
+            (reduced::EXTENSION, Kind::Reduced),
+        ];
+        let Some((_, kind)) = kinds.into_iter().find(|(extension, _)| ends(extension)) else { continue };
         // Another process may have removed it.
         let Ok(meta) = entry.metadata() else { continue };
         let modified = meta.modified().unwrap_or(SystemTime::UNIX_EPOCH);
@@ -57,11 +60,17 @@ pub fn entries(directory: &Path) -> Result<Vec<Entry>> {
 /// Numbers and bytes for people, e.g. `2 traced bands, depth nodes of 1 band, 12.3 MB`.
 pub fn described(entries: &[Entry]) -> String {
     let count = |kind| entries.iter().filter(|e| e.kind == kind).count();
-    let nodes = match count(Kind::Nodes) {
+    let also = |kind, what: &str, of: &str| match count(kind) {
         0 => String::new(),
-        n => format!(", depth nodes of {}", plural(n, "band")),
+        n => format!(", {what}{}", plural(n, of)),
     };
-    format!("{}{nodes}, {:.1} MB", plural(count(Kind::Band), "traced band"), sum(entries) as f64 * 1e-6)
+    let nodes = also(Kind::Nodes, "depth nodes of ", "band");
+    let charts = also(Kind::Reduced, "", "reduced chart band");
+    format!(
+        "{}{nodes}{charts}, {:.1} MB",
+        plural(count(Kind::Band), "traced band"),
+        sum(entries) as f64 * 1e-6
+    )
 }
 
 /// Bytes of all.
