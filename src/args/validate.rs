@@ -40,7 +40,7 @@ pub struct ValidateArgs {
     #[arg(long, value_name = "DIR")]
     pub out: PathBuf,
     /// Exit with code 4 unless every band meets these limits: ri=IoU, distortion=MEAN_PX, esf=IoU (IoU: intersection
-    /// over union of two curves, 1 = equal)
+    /// over union of two curves, 1 = equal), light=N: largest difference of the section Light over its limit
     #[arg(long, value_name = "WHAT=LIMIT,…", value_delimiter = ',', value_parser = requirement)]
     pub require: Vec<(Quantity, f64)>,
     /// Film whose run record (runs/*.json) is shown in the table of times
@@ -73,19 +73,25 @@ pub enum Quantity {
     Distortion,
     /// Edge spread function: minimum IoU.
     Esf,
+    /// Light beside the image: maximum difference over its limit.
+    Light,
 }
 
 fn requirement(text: &str) -> Result<(Quantity, f64), String> {
-    let expected = "expected ri=IOU, distortion=PX or esf=IOU, such as ri=0.9999,distortion=0.01,esf=0.999";
+    let expected =
+        "expected ri=IOU, distortion=PX, esf=IOU or light=N, such as ri=0.9999,distortion=0.01,esf=0.999";
     let (what, limit) = text.split_once('=').ok_or(expected)?;
     let what = match what.trim() {
         "ri" => Quantity::Ri,
         "distortion" => Quantity::Distortion,
         "esf" => Quantity::Esf,
+        "light" => Quantity::Light,
         _ => return Err(expected.into()),
     };
     match number(limit)? {
-        v if v >= 0.0 && (v <= 1.0 || what == Quantity::Distortion) => Ok((what, v)),
+        v if v >= 0.0 && (v <= 1.0 || matches!(what, Quantity::Distortion | Quantity::Light)) => {
+            Ok((what, v))
+        }
         v => Err(format!("{v} is out of range: {expected}")),
     }
 }

@@ -1,7 +1,7 @@
 //! `lenscube validate`: simulated films of test charts, made by `lenscube run`, compared with the lens data.
 //!
 //! Three charts are simulated ([`film_maker`]) and measured: a uniform one ([`illumination`]), a grid of points ([`distortion`]) and
-//! slanted edges ([`edge`]). Expected values come from the lens data alone ([`reference`](mod@reference)). Results are written as figures and
+//! slanted edges ([`edge`]). [`light`] checks scatter, glare, transmission and ghosts. Expected values come from the lens data alone ([`reference`](mod@reference)). Results are written as figures and
 //! curves ([`files`]) and as a page ([`report`]), and compared with the limits of `--require` ([`limits`]).
 
 mod band;
@@ -14,6 +14,7 @@ mod files;
 mod film_maker;
 mod illumination;
 mod interpolated_lens;
+mod light;
 mod limits;
 mod progress;
 mod reference;
@@ -28,12 +29,21 @@ use crate::args::{ValidateArgs, check_directory};
 use crate::failure::{Coded, code, other_job};
 use crate::progress::{detail_line, log_line, number};
 use anyhow::{Context, Result};
-use band::{Films, compare};
+use band::{Band, Films, compare};
 pub use film_maker::FilmMaker;
 use formats::durable::{AtomicFile, Directory, finish_together};
+use light::Check;
 use serde_json::Value;
 use setup::Setup;
 use std::path::Path;
+
+/// What was found.
+pub struct Results {
+    /// By band.
+    bands: Vec<Band>,
+    /// Light beside the image.
+    light: Vec<Check>,
+}
 
 /// Files of a report, in its directory.
 pub const FILES: [&str; 7] = [
@@ -88,12 +98,13 @@ pub fn command(args: &ValidateArgs) -> Result<u8> {
         ));
         bands.push(result);
     }
+    let results = Results { light: light::checks(&setup, &args.lens).context("checking light")?, bands };
     setup.steps.clear();
-    log_line(limits::summary(&bands));
-    let missed = limits::missed(&bands, &args.require);
-    let mut files = files::curves(&args.out.join("curves"), &bands)?;
-    let summary = files::summary(args, &setup, &bands, &missed, &times);
-    let page = report::html(args, &setup, &bands, &missed, &times);
+    log_line(limits::summary(&results));
+    let missed = limits::missed(&results, &args.require);
+    let mut files = files::curves(&args.out.join("curves"), &results.bands)?;
+    let summary = files::summary(args, &setup, &results, &missed, &times);
+    let page = report::html(args, &setup, &results, &missed, &times);
     let all = [("summary.json", serde_json::to_string_pretty(&summary)? + "\n"), ("report.html", page)];
     for (name, text) in all {
         files.push(AtomicFile::with_text(&args.out.join(name), &text)?);

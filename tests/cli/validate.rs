@@ -41,6 +41,9 @@ fn report_files_are_complete_and_missed_limit_exits_4() {
     assert!(worst("ri_iou") > 0.9999 && worst("distortion_mean_px") < 0.01, "{summary}");
     assert!(worst("esf_iou") > 0.98 && worst("esf_iou") < 0.99999, "{summary}");
     assert_eq!(summary["missed"].as_array().unwrap().len(), 1);
+    // Films alone: a pack has no surfaces.
+    assert_eq!(light_checks(&summary).len(), 4);
+    assert!(worst("light") <= 1.0, "{summary}");
     assert!(summary["times"].is_null());
     let edges = summary["bands"][0]["esf"].as_array().unwrap();
     assert_eq!(edges.len(), 6);
@@ -80,6 +83,37 @@ fn report_files_are_complete_and_missed_limit_exits_4() {
     }
     let left: Vec<_> = fs::read_dir(&out).unwrap().map(|e| e.unwrap().file_name()).collect();
     assert_eq!(left.len(), 3, "films are removed: {left:?}");
+}
+
+/// Differences over their limits of the section Light, by name.
+fn light_checks(summary: &Value) -> Vec<(String, f64)> {
+    let one = |check: &Value| {
+        let number = |key: &str| check[key].as_f64().unwrap();
+        (check["name"].as_str().unwrap().to_owned(), number("difference") / number("limit"))
+    };
+    summary["light"].as_array().unwrap().iter().map(one).collect()
+}
+
+#[test]
+fn light_of_a_design_is_checked_with_its_transmission_and_ghosts() {
+    let dir = tempfile::tempdir().unwrap();
+    let out = dir.path().join("report");
+    let flags =
+        ["validate", "--wavelengths", "550", "--film-size", "4096", "--threads", "2", "--out", text(&out)];
+    let met = lenscube(&[&flags[..], &["--require", "light=1"]].concat());
+    assert_eq!(met.code, 0, "{}", met.stderr);
+    let checks = light_checks(&json(&out.join("summary.json")));
+    let (names, of_limit): (Vec<String>, Vec<f64>) = checks.into_iter().unzip();
+    assert_eq!(names.len(), 10, "{names:?}");
+    assert!(names[4].starts_with("transmission with MgF2 at 587.6 nm"), "{names:?}");
+    assert!(names[5..].iter().all(|name| name.starts_with("ghost ")), "{names:?}");
+    // Within the limits, and not for want of a difference.
+    assert!(
+        of_limit.iter().all(|v| *v <= 1.0) && of_limit.iter().filter(|v| **v > 0.0).count() > 5,
+        "{of_limit:?}"
+    );
+    let report = fs::read_to_string(out.join("report.html")).unwrap();
+    assert!(report.contains("<h2>Light</h2>") && report.contains("energy of the scatter of a lamp"));
 }
 
 #[test]

@@ -1,8 +1,10 @@
 //! Data files of a validation: `summary.json`, `curves/*.csv`.
 
+use super::Results;
 use super::band::Band;
 use super::distortion::mean_max;
 use super::illumination::DIRECTIONS;
+use super::light::Check;
 use super::limits::worst;
 use super::setup::Setup;
 use crate::args::{Quantity, ValidateArgs};
@@ -16,7 +18,7 @@ use std::path::Path;
 pub fn summary(
     args: &ValidateArgs,
     setup: &Setup,
-    bands: &[Band],
+    results: &Results,
     missed: &[String],
     times: &Value,
 ) -> Value {
@@ -51,8 +53,13 @@ pub fn summary(
             "esf": edges,
         })
     };
+    let check = |c: &Check| {
+        json!({
+            "name": c.name, "found": c.found, "expected": c.expected, "difference": c.difference, "limit": c.limit,
+        })
+    };
     let worst = |what| {
-        let w = worst(bands, what);
+        let w = worst(results, what);
         json!({ "value": w.value, "at": w.at })
     };
     json!({
@@ -65,11 +72,13 @@ pub fn summary(
             "ri_iou": worst(Quantity::Ri),
             "distortion_mean_px": worst(Quantity::Distortion),
             "esf_iou": worst(Quantity::Esf),
+            "light": worst(Quantity::Light),
         },
         "paper": setup.of_paper.then(|| json!({ "ri_iou": 0.999, "distortion_px": 0.1, "esf_iou": 0.987 })),
         "missed": missed,
         "times": times,
-        "bands": bands.iter().map(band).collect::<Vec<_>>(),
+        "light": results.light.iter().map(check).collect::<Vec<_>>(),
+        "bands": results.bands.iter().map(band).collect::<Vec<_>>(),
     })
 }
 

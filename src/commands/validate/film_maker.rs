@@ -1,6 +1,6 @@
 //! Simulated films: each made by the code of `lenscube run`, read back and removed.
 
-use crate::args::{Device, EngineArg, ProgressArg, RunArgs};
+use crate::args::{Device, EngineArg, ProgressArg, RunArgs, VeilArgs};
 use crate::commands::run;
 use crate::failure::{Coded, usage};
 use crate::progress::as_step;
@@ -72,38 +72,11 @@ impl FilmMaker {
         rects: &[Rect],
         full_band: Option<usize>,
     ) -> Result<RegionPixels> {
-        let job = RunArgs {
-            lens: self.lens.clone(),
-            stages: stages.to_vec(),
-            bands: full_band.map(|band| format!("#{band}")),
-            roi: if full_band.is_none() { rects.to_vec() } else { Vec::new() },
-            no_fsync: true,
-            threads: Some(self.threads),
-            memory: self.memory,
-            device: self.device.clone(),
-            engine: self.engine,
-            ..RunArgs::new(chart, path)
-        };
-        let code = as_step(|| run::run_job(&job, None, ProgressArg::None))
-            .with_context(|| format!("simulating the film of {chart}"))?;
-        if code != 0 {
-            let message = "interrupted; run the same command again to start over".into();
-            return Err(Coded { code, message }.into());
-        }
-        let regions = rects.iter().enumerate().map(|(i, rect)| {
-            let (array, part) = match full_band {
-                Some(_) => ("film".to_owned(), *rect),
-                None => (format!("roi_{i}"), rect.size().rect()),
-            };
-            let options =
-                ChartOptions { cache_bytes: 64 << 20, nan: NanPolicy::Keep, ..ChartOptions::default() };
-            let store = ChartStore::open(&format!("{}//{array}", path.display()), options)?;
-            let bands = (0..store.bands()).map(|band| {
-                let mut pixels = vec![0f32; part.size().pixels()];
-                store.read_rect(band, part, &mut pixels)?;
-                Ok(pixels)
-            });
-            bands.collect::<Result<Vec<_>>>()
+        let regions_of_film = if full_band.is_none() { rects } else { &[] };
+        self.run(path, chart, stages, (full_band, VeilArgs::default()), regions_of_film)?;
+        let regions = rects.iter().enumerate().map(|(i, rect)| match full_band {
+            Some(_) => read_region(path, "film", *rect),
+            None => read_region(path, &format!("roi_{i}"), rect.size().rect()),
         });
         let regions: Vec<Vec<Vec<f32>>> = regions.collect::<Result<_>>()?;
         let bands = regions.first().map_or(0, Vec::len);
@@ -115,6 +88,92 @@ impl FilmMaker {
         }
         Ok(by_band)
     }
+
+    /// Makes the film at `path`: of one band, or of all, with `veil`; of the regions `rects`, or complete without any.
+    fn run(
+        &self,
+        path: &Path,
+        chart: &str,
+        stages: &[Stage],
+        (band, veil): (Option<usize>, VeilArgs),
+        rects: &[Rect],
+    ) -> Result<()> {
+        let job = RunArgs {
+            lens: self.lens.clone(),
+            stages: stages.to_vec(),
+            bands: band.map(|band| format!("#{band}")),
+            roi: rects.to_vec(),
+            veil,
+            no_fsync: true,
+            threads: Some(self.threads),
+            memory: self.memory,
+            device: self.device.clone(),
+            engine: self.engine,
+            ..RunArgs::new(chart, path)
+        };
+        let code = as_step(|| run::run_job(&job, None, ProgressArg::None))
+            .with_context(|| format!("simulating the film of {chart}"))?;
+        match code {
+            0 => Ok(()),
+            code => {
+                let message = "interrupted; run the same command again to start over".into();
+                Err(Coded { code, message }.into())
+            }
+        }
+    }
+
+    /// Regions of the film of one band with a veil, and the sum of its layer.
+    pub fn veiled(
+        &self,
+        chart: &str,
+        stages: &[Stage],
+        (band, veil): (usize, VeilArgs),
+        rects: &[Rect],
+    ) -> Result<VeiledFilm> {
+        let path = self.dir.join(temp_name());
+        let made = || -> Result<VeiledFilm> {
+            self.run(&path, chart, stages, (Some(band), veil), rects)?;
+            let read = |(i, rect): (usize, &Rect)| {
+                Ok(read_region(&path, &format!("roi_{i}"), rect.size().rect())?.swap_remove(0))
+            };
+            let regions = rects.iter().enumerate().map(read).collect::<Result<_>>()?;
+            let store = FilmStore::open(&path, false)?;
+            let layer = store.read_layer(0, 0)?.context("the film has no layer")?;
+            let grid = store.spec().layer_grid(0, 0);
+            let (bins, area) = (grid.bins(), (grid.bin_px * grid.bin_px) as f64);
+            let rows = layer.chunks_exact(grid.size().width).skip(grid.margin).take(bins.height);
+            let of_film = rows.flat_map(|row| &row[grid.margin..][..bins.width]);
+            let sum: f64 = of_film.map(|coefficient| f64::from(*coefficient)).sum();
+            Ok(VeiledFilm { regions, layer_sum: area * sum, layer_px2: area * bins.pixels() as f64 })
+        };
+        let film = made();
+        let removed = FilmStore::remove(&path);
+        let film = film?;
+        removed?;
+        Ok(film)
+    }
+}
+
+/// A film with a veil.
+pub struct VeiledFilm {
+    /// Pixels of its regions.
+    pub regions: Vec<Vec<f32>>,
+    /// Sum of its layer over the bins of the film, in film values × px².
+    pub layer_sum: f64,
+    /// Area of these bins, px².
+    pub layer_px2: f64,
+}
+
+/// Pixels of `part` of the array `array` of the film at `path`, by band.
+fn read_region(path: &Path, array: &str, part: Rect) -> Result<Vec<Vec<f32>>> {
+    let options = ChartOptions { cache_bytes: 64 << 20, nan: NanPolicy::Keep, ..ChartOptions::default() };
+    let store = ChartStore::open(&format!("{}//{array}", path.display()), options)?;
+    let bands = (0..store.bands()).map(|band| {
+        let mut pixels = vec![0f32; part.size().pixels()];
+        store.read_rect(band, part, &mut pixels)?;
+        Ok(pixels)
+    });
+    bands.collect()
 }
 
 /// `rect`, if it lies inside a film of `size` x `size` px; a usage error otherwise.

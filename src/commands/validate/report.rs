@@ -1,8 +1,10 @@
 //! `report.html`: a single file with embedded figures, for a screen of 1280 px and for print.
 
+use super::Results;
 use super::band::Band;
 use super::distortion::mean_max;
 use super::figures::Figures;
+use super::light::Check;
 use super::limits::worst;
 use super::setup::Setup;
 use super::tables::{bands_table, edges_table, error_budget_table, times_table};
@@ -20,7 +22,14 @@ font-variant-numeric:tabular-nums}th{background:#f2f2f2;font-weight:600}td:first
 @media print{body{padding:0;font-size:11px}table{font-size:9px}th,td{padding:2px 5px}.pair,tr,h3{break-inside:avoid}\
 h2,h3{break-after:avoid}}";
 
-pub fn html(args: &ValidateArgs, setup: &Setup, bands: &[Band], missed: &[String], times: &Value) -> String {
+pub fn html(
+    args: &ValidateArgs,
+    setup: &Setup,
+    results: &Results,
+    missed: &[String],
+    times: &Value,
+) -> String {
+    let bands = &results.bands;
     let against = args.against.as_ref().unwrap_or(&args.lens);
     let head = format!(
         "<p>Films simulated with <b>{}</b>, compared with <b>{}</b> ({}). Film (sensor-plane image) of {n} &times; {n} px, pixel \
@@ -48,10 +57,11 @@ pub fn html(args: &ValidateArgs, setup: &Setup, bands: &[Band], missed: &[String
     let body = [
         head,
         verdict,
-        summary(bands, setup.of_paper),
+        summary(results, setup.of_paper),
         illumination(&figures, bands),
         distortion(&figures, bands, args.full),
         edges(&figures, bands),
+        light(results, setup.light_band()),
         times_table(times),
         each_band(&figures, bands),
     ];
@@ -85,9 +95,10 @@ fn pairs(pictures: &[String]) -> String {
 }
 
 /// Worst values, beside Table 1 of the paper if design, film and bands are its own.
-fn summary(bands: &[Band], of_paper: bool) -> String {
-    let (ri, distortion, esf) =
-        (worst(bands, Quantity::Ri), worst(bands, Quantity::Distortion), worst(bands, Quantity::Esf));
+fn summary(results: &Results, of_paper: bool) -> String {
+    let bands = &results.bands;
+    let all = [Quantity::Ri, Quantity::Distortion, Quantity::Esf, Quantity::Light];
+    let [ri, distortion, esf, light] = all.map(|quantity| worst(results, quantity));
     let max = |value: &dyn Fn(&Band) -> f64| bands.iter().map(value).fold(0.0, f64::max);
     let max_px = max(&|b| mean_max(&b.points).1);
     let with_psf_px = max(&|b| mean_max(&b.psf_points).1);
@@ -112,6 +123,7 @@ fn summary(bands: &[Band], of_paper: bool) -> String {
         ),
         ("Edge spread function, IoU", format!("{:.4} %", 100.0 * esf.value), &esf.at, "98.7 %"),
         ("Edge spread function, maximum difference", format!("{max_esf:.1e}"), "", ""),
+        ("Light, difference over its limit", format!("{:.2}", light.value), &light.at, ""),
     ];
     let (paper, heading) = match of_paper {
         true => (
@@ -131,6 +143,29 @@ fn summary(bands: &[Band], of_paper: bool) -> String {
     format!(
         "<h2>Summary</h2><p>Worst values over all bands and edges.{paper} IoU: intersection over union of two curves, &Sigma; min / \
          &Sigma; max.</p><table><tr><th>Quantity</th><th>Result</th><th>Band, edge</th>{heading}</tr>{rows}</table>"
+    )
+}
+
+/// Light beside the image.
+fn light(results: &Results, band: usize) -> String {
+    let row = |check: &Check| {
+        let class = if check.of_limit() <= 1.0 { "" } else { " class=\"miss\"" };
+        format!(
+            "<tr{class}><td>{}</td><td>{:.7e}</td><td>{:.7e}</td><td>{:.1e}</td><td>{:.0e}</td></tr>",
+            escape(&check.name),
+            check.found,
+            check.expected,
+            check.difference,
+            check.limit
+        )
+    };
+    let rows: String = results.light.iter().map(row).collect();
+    format!(
+        "<h2>Light</h2><p>Scatter and veiling glare of films at {} nm without PSF, against closed forms: the index of black discs, a uniform field, and the sum of \
+         the layer that is added to the film. Of a design with a quarter wave of MgF2 on its surfaces: transmission over 25 &times; 33 rays of the pupil, and the five \
+         largest ghosts of two reflections from the axis, integrated over 4000 radii of the first surface. Differences are relative, of the uniform field \
+         absolute.</p><table><tr><th>Quantity</th><th>Program</th><th>Expected</th><th>Difference</th><th>Limit</th></tr>{rows}</table>",
+        results.bands[band].nm
     )
 }
 

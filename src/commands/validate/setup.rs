@@ -1,10 +1,11 @@
 //! Setup of a validation: film geometry, lens of the simulated films, reference lens; paths between chart and film.
 
 use super::edge_places::{angles, places};
-use super::film_maker::{FilmMaker, RegionPixels};
+use super::film_maker::{FilmMaker, RegionPixels, VeiledFilm};
+use super::light;
 use super::progress::Steps;
 use super::reference::{ReferenceBand, ReferenceLens};
-use crate::args::ValidateArgs;
+use crate::args::{ValidateArgs, VeilArgs};
 use crate::job::default_options;
 use crate::job::lens::{JobLens, UntracedLens};
 use crate::machine::threads;
@@ -88,7 +89,7 @@ impl Setup {
             device: args.device.clone(),
             engine: args.engine,
         };
-        let films = FILMS + angles(&places(size)).len();
+        let films = FILMS + light::FILMS + angles(&places(size)).len();
         Ok(Self {
             film_maker,
             steps: Steps::new((films + wavelengths_nm.len()) as u64),
@@ -108,6 +109,29 @@ impl Setup {
         let pixels = self.film_maker.simulate(chart, stages, rects)?;
         self.steps.step();
         Ok(pixels)
+    }
+
+    /// The band whose light is checked: the middle one.
+    pub fn light_band(&self) -> usize {
+        self.wavelengths_nm.len() / 2
+    }
+
+    /// Real image height of the film's corner, mm.
+    pub fn corner_mm(&self) -> f64 {
+        self.size as f64 * self.pitch_um * 1e-3 / std::f64::consts::SQRT_2
+    }
+
+    /// Simulates the film of [`Setup::light_band`] of `chart` by `stages` with `veil` and reads its regions `rects`.
+    pub fn veiled(
+        &self,
+        chart: &str,
+        stages: &[Stage],
+        veil: VeilArgs,
+        rects: &[Rect],
+    ) -> Result<VeiledFilm> {
+        let film = self.film_maker.veiled(chart, stages, (self.light_band(), veil), rects)?;
+        self.steps.step();
+        Ok(film)
     }
 
     /// Whether films are complete, instead of regions.
