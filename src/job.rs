@@ -28,6 +28,7 @@ mod light;
 pub mod light_units;
 pub mod memory;
 mod notes;
+mod numeric_version;
 pub mod preview;
 mod reduced;
 mod resources;
@@ -38,9 +39,10 @@ mod veil;
 
 pub use arguments::default_options;
 pub use bands::PlannedBands;
-pub use identity::{Contents, contents, numeric_version};
+pub use identity::{Contents, contents};
 pub use inputs::chosen_bands;
 pub use keys::{DIGEST, MTIMES, argument};
+pub use numeric_version::numeric_version;
 
 use crate::args::engine::Engine;
 use crate::args::{Device, RunArgs};

@@ -11,7 +11,6 @@ use std::path::PathBuf;
 /// `lenscube measure`
 #[derive(Debug, Args)]
 #[command(group = ArgGroup::new("what").required(true).args(["edge", "points", "profile", "glare", "flare"]))]
-#[command(group = ArgGroup::new("light").args(["glare", "flare"]))]
 #[command(
     after_help = "Examples:\n  lenscube measure film.zarr --edge 1020,900,1034,1060 --band 550 --plot edge.svg\n  \
 lenscube measure film.zarr//roi_0 --points '100,100;300.5,80'\n  \
@@ -41,7 +40,7 @@ pub struct MeasureArgs {
     #[arg(long, value_name = "X,Y,R", value_parser = lamp, allow_hyphen_values = true)]
     pub flare: Option<(f64, f64, f64)>,
     /// White area of --glare; with --flare, what the flare is normalised by
-    #[arg(long, value_name = "X,Y,W,H", value_parser = roi, requires = "light")]
+    #[arg(long, value_name = "X,Y,W,H", value_parser = roi, conflicts_with_all = ["edge", "points", "profile"])]
     pub white_area: Option<Rect>,
     /// Half width of the region around an edge or a point, px
     #[arg(long, value_name = "PX", default_value_t = 24, value_parser = clap::value_parser!(u32).range(4..=1000))]
@@ -62,10 +61,10 @@ pub struct MeasureArgs {
     #[arg(long, alias = "svg", value_name = "FILE", value_parser = figure(), conflicts_with = "points")]
     pub plot: Option<PathBuf>,
     /// Write a map of the flare of one band or colour to a PNG file: from 1e-6 (black) to 1, logarithmic
-    #[arg(long, value_name = "FILE.png", value_parser = png, requires = "flare")]
+    #[arg(long, value_name = "FILE.png", value_parser = png, conflicts_with_all = ["edge", "points", "profile", "glare"])]
     pub map: Option<PathBuf>,
     /// Frame of a raw
-    #[arg(long, value_name = "N", default_value_t = 0, requires = "light")]
+    #[arg(long, value_name = "N", default_value_t = 0, conflicts_with_all = ["edge", "points", "profile"])]
     pub frame: usize,
     /// Replace existing files
     #[arg(long)]

@@ -5,6 +5,7 @@
 //! Doubtful figures have remarks, meaningless ones are errors ([`quality`]).
 
 pub mod light;
+mod measurement;
 mod plane;
 pub mod quality;
 
@@ -24,12 +25,12 @@ use formats::picture::plot::{Axis, Legend, Plot, Series, stacked};
 use formats::picture::style::Colour;
 use formats::raw::{RawSpec, RawStore};
 use light::{FlareMap, Lamp};
+pub use measurement::Measurement;
 use pipeline::geometry::Rect;
 use pipeline::measure::centroid::centroid;
 use pipeline::measure::edge::{EdgeLine, Esf, fit};
 use pipeline::measure::sfr::Mtf;
-use plane::{Name, Plane};
-use quality::Remark;
+use plane::{Name, Plane, read};
 use serde_json::{Value, json};
 use std::fmt::Write;
 use std::path::Path;
@@ -40,19 +41,6 @@ pub const PLATEAU: f64 = 0.75;
 const MAX_CY_PX: f64 = 1.0;
 /// Cache of decoded chunks.
 const CACHE_BYTES: usize = 256 << 20;
-
-/// Measurement of one band, or of a plane of a raw.
-pub struct Measurement {
-    name: Name,
-    /// Figures by name.
-    pub figures: Value,
-    summary: String,
-    /// What makes them doubtful.
-    pub remarks: Vec<Remark>,
-    curve: Vec<(f64, f64)>,
-    /// Frequency in cycles per pixel, and modulation.
-    pub mtf: Vec<(f64, f64)>,
-}
 
 /// (row, column) in pixels.
 pub type Position = (f64, f64);
@@ -187,27 +175,6 @@ fn measure(args: &MeasureArgs, chart: &Chart, band: usize, nm: f64) -> Result<Me
         return profile(chart, band, nm, ((y0, x0), (y1, x1)));
     }
     points(chart, band, nm, args.points.iter().flat_map(|p| &p.0), half)
-}
-
-/// Pixels of a rectangle, which must be inside the film.
-fn read(chart: &Chart, band: usize, rect: Rect, what: &str) -> Result<Vec<f32>> {
-    let size = chart.size();
-    if !size.rect().contains(rect) {
-        return Err(usage(format!(
-            "{what} needs {rect}, which is not inside the image of {size}; give other positions or a smaller --half-px"
-        )));
-    }
-    let mut pixels = vec![0f32; rect.size().pixels()];
-    chart.source().read(band, rect, &mut pixels).map_err(anyhow::Error::from_boxed)?;
-    match pixels.iter().position(|v| !v.is_finite()) {
-        None => Ok(pixels),
-        Some(i) => anyhow::bail!(
-            "row {}, column {} is {}: the film is not complete; finish its run first",
-            rect.y + (i / rect.width) as i64,
-            rect.x + (i % rect.width) as i64,
-            pixels[i]
-        ),
-    }
 }
 
 /// Pixels around two positions, `margin` larger on every side.

@@ -4,6 +4,7 @@ use super::depth::Depth;
 use super::film::chart_units;
 use super::inputs::Inputs;
 use super::keys::{DIGEST, MTIMES};
+use super::numeric_version::numeric_version;
 use super::veil;
 use crate::args::{CoatingsArg, RunArgs};
 use crate::open::{Chart, is_builtin};
@@ -14,16 +15,6 @@ use pipeline::stage::Stages;
 use pipeline::stages::DESCRIPTIONS;
 use serde_json::{Map, Value, json};
 use std::path::Path;
-
-/// Version of the arithmetic of flat charts: raised whenever the program computes other pixel values for the same job.
-pub(super) const NUMERIC_VERSION: u32 = 4;
-/// That of surfaces at several distances, at least [`NUMERIC_VERSION`].
-const DEPTH_NUMERIC_VERSION: u32 = 5;
-
-/// Version of the arithmetic of a job with surfaces at several distances, or without.
-pub const fn numeric_version(has_depth: bool) -> u32 {
-    if has_depth { DEPTH_NUMERIC_VERSION } else { NUMERIC_VERSION }
-}
 
 /// The identity of a job with the lens `lens_name` of digest `lens_digest`; with the content of the input files if `check_input`.
 ///

@@ -337,11 +337,11 @@ impl MemoryInputs<'_> {
         let largest = BinArg::LARGEST_PX;
         let finer =
             self.film.layers.iter().any(|l| l.name == VEIL && l.bin_px.iter().any(|px| *px < largest));
-        if finer && self.layer_making >= missing {
+        if finer && self.layers() >= missing {
             return format!(
                 "light that spreads over the film takes {} while it is computed, all together at least {min}; raise the limit, or compute it on \
                  larger bins, --veil-bin {largest}",
-                mib(self.layer_making)
+                mib(self.layers())
             );
         }
         format!(

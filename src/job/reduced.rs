@@ -1,15 +1,15 @@
 //! Reduced charts of a job, read from the user's cache or made and stored there.
 
 use super::depth::Depth;
-use super::identity::NUMERIC_VERSION;
-use super::layers::LayerInputs;
 use super::lens::cache::{self, reduced};
+use super::numeric_version::numeric_version;
 use crate::open::Chart;
 use crate::progress::detail_line;
 use anyhow::Result;
 use formats::chart::NanPolicy;
 use formats::durable::sweep;
 use pipeline::flow::SourceSinkError;
+use pipeline::geometry::Size;
 use pipeline::reduced_chart::ReducedChart;
 use std::path::PathBuf;
 use std::time::SystemTime;
@@ -43,21 +43,25 @@ impl ReducedCharts {
             }
             key = format!("{key}, surfaces {}", depth.identity()?.0);
         }
-        Ok(Self { kept: Some((dir, format!("{key}, NaN: {nan:?}, arithmetic {NUMERIC_VERSION}"))) })
+        Ok(Self { kept: Some((dir, format!("{key}, NaN: {nan:?}, arithmetic {}", numeric_version(false)))) })
     }
 
-    /// The band `chart_band` of `inputs` in cells of `side` chart pixels.
+    /// Band `band` of a chart of `chart` px in cells of `side` chart pixels: from the cache, or of `read`.
     ///
     /// # Errors
-    /// The chart cannot be read; stopped.
-    pub fn get(&self, inputs: &LayerInputs<'_>, side: usize) -> Result<ReducedChart, SourceSinkError> {
-        let LayerInputs { chart, chart_band, threads, cancel, .. } = *inputs;
-        let read = || ReducedChart::read(chart, chart_band, side, threads, cancel);
+    /// Those of `read`.
+    pub fn get(
+        &self,
+        chart: Size,
+        band: usize,
+        side: usize,
+        read: impl FnOnce() -> Result<ReducedChart, SourceSinkError>,
+    ) -> Result<ReducedChart, SourceSinkError> {
         let Some((dir, key)) = &self.kept else { return read() };
-        let text = format!("lenscube reduced chart 1, {key}, band {chart_band}, cells of {side} px");
+        let text = format!("lenscube reduced chart 1, {key}, band {band}, cells of {side} px");
         let recipe = blake3::hash(text.as_bytes()).to_hex().to_string();
-        if let Some(found) = reduced::find(dir, &recipe, chart.size(), side) {
-            detail_line(format!("reduced chart of band {chart_band}: from the cache"));
+        if let Some(found) = reduced::find(dir, &recipe, chart, side) {
+            detail_line(format!("reduced chart of band {band}: from the cache"));
             return Ok(found);
         }
         let made = read()?;

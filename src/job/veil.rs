@@ -14,6 +14,7 @@ use pipeline::flow::SourceSinkError;
 use pipeline::geometry::Frame;
 use pipeline::layer::Taps;
 use pipeline::reduced_chart::ReducedChart;
+use pipeline::stage::Stage;
 use pipeline::veil::{ExpectedIndex, VEIL_MARGIN_BINS, VeilMaker, VeilPlan, VeilShares};
 use serde_json::{Map, Value, json};
 use std::sync::Once;
@@ -94,7 +95,12 @@ impl JobVeil {
     /// Prints the expected veiling glare index of a band.
     fn note_index(&self, band: &LayerInputs<'_>, operator: Option<&RingOperator>) {
         let (shares, scatter) = (self.shares[band.film_band], self.maker.plan().scatter);
-        let index = ExpectedIndex::new(band.frame, shares, scatter, operator);
+        let lens = &band.plan.lens;
+        let illumination = |real_mm: f64| match band.options.stages.has(Stage::Ri) {
+            true => lens.illumination_at(real_mm),
+            false => 1.0,
+        };
+        let index = ExpectedIndex::new(band.frame, illumination, shares, scatter, operator);
         let parts = [("ghosts", index.ghosts), ("scatter", index.scatter), ("glare", index.glare)];
         let parts: Vec<String> = parts
             .into_iter()
@@ -103,7 +109,7 @@ impl JobVeil {
             .collect();
         log_line(format!(
             "note: expected veiling glare index on the axis at {} nm: {} (black disc of 5 % of the film's height in white)",
-            number(band.plan.lens.wavelength_nm),
+            number(lens.wavelength_nm),
             parts.join(" + ")
         ));
     }
@@ -155,8 +161,10 @@ impl JobLayer for JobVeil {
     }
 
     fn coefficients(&self, band: &LayerInputs<'_>) -> Result<Vec<f32>, SourceSinkError> {
-        let LayerInputs { film_band, frame, plan, options, gain, threads, .. } = *band;
-        let reduced = band.reduced.get(band, self.maker.plan().reduced_px)?;
+        let LayerInputs { chart, chart_band, film_band, frame, plan, options, gain, threads, .. } = *band;
+        let side = self.maker.plan().reduced_px;
+        let read = || ReducedChart::read(chart, chart_band, side, threads, band.cancel);
+        let reduced = band.reduced.get(chart.size(), chart_band, side, read)?;
         let operator =
             self.ghosts.as_ref().map(|ghosts| ghosts.operator(plan.lens.wavelength_nm)).transpose()?;
         self.is_noted.call_once(|| self.note_index(band, operator.as_ref()));

@@ -60,11 +60,15 @@ fn middle(step: usize) -> f64 {
     f64::from(f32::from_bits(bits))
 }
 
+fn length(y: f64, x: f64) -> f64 {
+    (y * y + x * x).sqrt()
+}
+
 impl Flare {
     /// Of a lamp whose image has its centre (row, column) and radius at `centre_px`, `radius_px` on a film of `size`.
     pub fn new(centre_px: (f64, f64), radius_px: f64, size: Size) -> Self {
         let far = |at: f64, n: usize| at.abs().max((n as f64 - 1.0 - at).abs());
-        let farthest = far(centre_px.0, size.height).hypot(far(centre_px.1, size.width));
+        let farthest = length(far(centre_px.0, size.height), far(centre_px.1, size.width));
         let ring_px = ((farthest + 1.0) / MAX_RINGS as f64).ceil().max(1.0);
         let rings = vec![(0.0, 0); (farthest / ring_px) as usize + 1];
         let levels = vec![0; 1 << (u32::BITS - DROPPED_BITS)];
@@ -73,7 +77,7 @@ impl Flare {
 
     /// Adds the finite `value` of the pixel at row `y`, column `x`.
     pub fn add(&mut self, y: f64, x: f64, value: f32) {
-        let distance = (y - self.centre_px.0).hypot(x - self.centre_px.1);
+        let distance = length(y - self.centre_px.0, x - self.centre_px.1);
         let count = |sum: &mut (f64, u64)| *sum = (sum.0 + f64::from(value), sum.1 + 1);
         if let Some(ring) = self.rings.get_mut((distance / self.ring_px) as usize) {
             count(ring);

@@ -1,6 +1,6 @@
 //! Veiling glare and flare: light of bright places where the scene is dark.
 
-use super::Measurement;
+use super::measurement::Measurement;
 use super::plane::{Name, Plane};
 use super::quality::Remark;
 use crate::failure::usage;

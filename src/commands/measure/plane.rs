@@ -70,10 +70,18 @@ pub enum Plane<'a> {
 pub struct Pixels {
     rect: Rect,
     values: Vec<f32>,
-    /// Origin of the pattern's rows and columns, its period, and whether its filters belong to the plane; `None`: all pixels do.
-    pattern: Option<((usize, usize), (usize, usize), Vec<bool>)>,
+    /// Which pixels belong to the plane; `None`: all.
+    own: Option<Own>,
     /// Values from which on pixels are saturated.
     white: f32,
+}
+
+/// The places of a plane in the pattern of the filters, from the first pixel of the raw on.
+struct Own {
+    rows: usize,
+    columns: usize,
+    /// Row by row.
+    belongs: Vec<bool>,
 }
 
 impl Plane<'_> {
@@ -104,8 +112,8 @@ impl Plane<'_> {
         }
         match self {
             Self::Band(chart, band) => {
-                let values = super::read(chart, *band, rect, what)?;
-                Ok(Pixels { rect, values, pattern: None, white: f32::INFINITY })
+                let values = read(chart, *band, rect, what)?;
+                Ok(Pixels { rect, values, own: None, white: f32::INFINITY })
             }
             Self::Raw(frame, plane) => {
                 let sensor = &frame.sensor;
@@ -115,12 +123,37 @@ impl Plane<'_> {
                 let mut values = frame.read(rect)?;
                 values.iter_mut().for_each(|v| *v = electrons(f64::from(*v)));
                 let (of, p) = (sensor.plane_of_channels(), &sensor.pattern);
-                let belongs = p.channels.iter().map(|channel| of[*channel] == *plane).collect();
                 let origin = (frame.rect.y as usize, frame.rect.x as usize);
-                let pattern = Some((origin, (p.rows, p.columns), belongs));
-                Ok(Pixels { rect, values, pattern, white: electrons(white_dn) })
+                let places = (0..p.rows).flat_map(|i| (0..p.columns).map(move |j| (i, j)));
+                let belongs = places.map(|(i, j)| of[p.channel(origin.0 + i, origin.1 + j)] == *plane);
+                let own = Some(Own { rows: p.rows, columns: p.columns, belongs: belongs.collect() });
+                Ok(Pixels { rect, values, own, white: electrons(white_dn) })
             }
         }
+    }
+}
+
+/// Pixels of a rectangle of a band, which must be inside the film.
+///
+/// # Errors
+/// Usage: `what` is outside. The film is not complete.
+pub fn read(chart: &Chart, band: usize, rect: Rect, what: &str) -> Result<Vec<f32>> {
+    let size = chart.size();
+    if !size.rect().contains(rect) {
+        return Err(usage(format!(
+            "{what} needs {rect}, which is not inside the image of {size}; give other positions or a smaller --half-px"
+        )));
+    }
+    let mut pixels = vec![0f32; rect.size().pixels()];
+    chart.source().read(band, rect, &mut pixels).map_err(anyhow::Error::from_boxed)?;
+    match pixels.iter().position(|v| !v.is_finite()) {
+        None => Ok(pixels),
+        Some(i) => anyhow::bail!(
+            "row {}, column {} is {}: the film is not complete; finish its run first",
+            rect.y + (i / rect.width) as i64,
+            rect.x + (i % rect.width) as i64,
+            pixels[i]
+        ),
     }
 }
 
@@ -143,11 +176,9 @@ impl Pixels {
         let place = move |i: usize| {
             (self.rect.y + (i / self.rect.width) as i64, self.rect.x + (i % self.rect.width) as i64)
         };
-        let is_own = move |y: i64, x: i64| match &self.pattern {
-            None => true,
-            Some((origin, (rows, columns), belongs)) => {
-                belongs[(origin.0 + y as usize) % rows * columns + (origin.1 + x as usize) % columns]
-            }
+        let is_own = move |y: i64, x: i64| {
+            let own = self.own.as_ref();
+            own.is_none_or(|own| own.belongs[y as usize % own.rows * own.columns + x as usize % own.columns])
         };
         self.values.iter().enumerate().filter_map(move |(i, value)| {
             let (y, x) = place(i);

@@ -32,8 +32,6 @@ use pipeline::geometry::Rect;
 use pipeline::stage::Stage;
 use std::f64::consts::PI;
 
-/// Films that are simulated.
-pub const FILMS: usize = 4;
 /// Side of a measured square, px.
 const SQUARE_PX: usize = 16;
 /// Share of glare, and of scatter in a disc.

@@ -2,7 +2,6 @@
 
 use super::edge_places::{angles, places};
 use super::film_maker::{FilmMaker, RegionPixels, VeiledFilm};
-use super::light;
 use super::progress::Steps;
 use super::reference::{ReferenceBand, ReferenceLens};
 use crate::args::{ValidateArgs, VeilArgs};
@@ -21,6 +20,8 @@ const PAPER_FILM: (usize, f64) = (14141, 2.0);
 const PAPER_BANDS: &str = "400:700:10";
 /// Films of the uniform chart and of the points, without and with the PSF stage.
 const FILMS: usize = 4;
+/// Films of the section Light.
+const LIGHT_FILMS: usize = 4;
 
 /// Films to simulate and the lens to compare them with.
 pub struct Setup {
@@ -89,7 +90,7 @@ impl Setup {
             device: args.device.clone(),
             engine: args.engine,
         };
-        let films = FILMS + light::FILMS + angles(&places(size)).len();
+        let films = FILMS + LIGHT_FILMS + angles(&places(size)).len();
         Ok(Self {
             film_maker,
             steps: Steps::new((films + wavelengths_nm.len()) as u64),
