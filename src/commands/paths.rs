@@ -76,7 +76,8 @@ fn of_command(command: &Command) -> Result<Guard> {
             .reads_chart("film", &args.film)
             .may_write("--csv", args.csv.as_ref())
             .may_write("--json", args.json.as_ref())
-            .may_write("--plot", args.plot.as_ref()),
+            .may_write("--plot", args.plot.as_ref())
+            .may_write("--map", args.map.as_ref()),
         Command::Man(args) => guard.may_write("DIR", args.dir.as_ref()),
         // What `pyramid` and `verify --repair` write belongs to their input.
         Command::Pyramid(args) => guard.reads("film", &args.film),

@@ -37,6 +37,7 @@ const LINES: &[&str] = &[
     "validate --lens=lens --against=against --timing=timing --out=out | out",
     "measure film --points=1,1 --csv=csv --json=json | csv json",
     "measure film --profile=1,1,5,5 --plot=plot.png | plot.png",
+    "measure film --flare=9,9,3 --map=map.png | map.png",
     "man dir | dir",
     "pyramid film |",
     "verify film |",
