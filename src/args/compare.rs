@@ -17,7 +17,7 @@ pub struct CompareArgs {
     /// First raw or film, PATH or PATH//roi_0
     #[arg(value_name = "A")]
     pub first: String,
-    /// Second one: a raw of the same pixels and filters, or a film of the same pixels
+    /// Second one: a raw of the same pixels and filters, or of another sensor (each by itself, in the same places), or a film of the same pixels
     #[arg(value_name = "B")]
     pub second: String,
     /// Directory for the report

@@ -1,4 +1,4 @@
-//! `lenscube compare`: two raws of the same sensor pixels, or two films ([`films`]), difference by difference.
+//! `lenscube compare`: two raws of the same sensor pixels, or two films ([`films`]), difference by difference; raws of different sensors side by side ([`sensors`]).
 //!
 //! All figures of raws are electrons, e = (DN − black)/(g·K), so that gains and black levels do not matter:
 //!
@@ -18,6 +18,7 @@ mod films;
 mod patches;
 mod regions;
 mod report;
+mod sensors;
 
 use crate::args::{CompareArgs, DevelopStyle, check_directory};
 use crate::camera::Developer;
@@ -65,10 +66,20 @@ pub fn command(args: &CompareArgs) -> Result<u8> {
         let found = films::compare(args)?;
         let files = film_report::files(&args.out, &found)?;
         film_report::print_summary(&found);
-        return finish(args, files, !args.edge.is_empty(), false);
+        let missing: &[&str] =
+            if args.edge.is_empty() { &["mtf.csv", "patches.csv"] } else { &["patches.csv"] };
+        return finish(args, files, missing);
     }
     let threads = threads(args.threads);
-    let pair = Pair::open(args)?;
+    let frames = Pair::frames(args)?;
+    if Pair::are_of_different_sensors(&frames) {
+        log_line(
+            "note: the raws are of different sensors: each is measured by itself, in the same places of the film plane",
+        );
+        let files = sensors::compare(args, [&args.first, &args.second], &frames)?;
+        return finish(args, files, &["difference.png", "mtf.csv", "patches.csv"]);
+    }
+    let pair = Pair::new(args, frames)?;
     log_line(pair.noise_note());
     let style = DevelopStyle::default();
     let developers = match args.edge.is_empty() && args.patch.is_empty() {
@@ -117,7 +128,9 @@ pub fn command(args: &CompareArgs) -> Result<u8> {
     let html = report::html(&pair, &difference, &figures, &regions, &edges, &patches);
     files.push(AtomicFile::with_text(&args.out.join("report.html"), &html)?);
     report::print_summary(&regions, &edges, &patches);
-    finish(args, files, !edges.is_empty(), !patches.is_empty())
+    let missing = [("mtf.csv", edges.is_empty()), ("patches.csv", patches.is_empty())];
+    let missing: Vec<&str> = missing.iter().filter(|(_, is)| *is).map(|(name, _)| *name).collect();
+    finish(args, files, &missing)
 }
 
 /// Whether both are raws; films if neither is.
@@ -136,31 +149,34 @@ fn of_raws(args: &CompareArgs) -> Result<bool> {
 }
 
 /// Makes the files visible, removes those of an earlier comparison that this one lacks, and returns the exit code.
-fn finish(args: &CompareArgs, files: Vec<AtomicFile>, has_edges: bool, has_patches: bool) -> Result<u8> {
+fn finish(args: &CompareArgs, files: Vec<AtomicFile>, missing: &[&str]) -> Result<u8> {
     finish_together(files)?;
-    let written = |file: &str| match file {
-        "mtf.csv" => has_edges,
-        "patches.csv" => has_patches,
-        _ => true,
-    };
-    FILES.iter().filter(|f| !written(f)).try_for_each(|f| remove_earlier(&args.out.join(f)))?;
+    missing.iter().try_for_each(|f| remove_earlier(&args.out.join(f)))?;
     log_line(format!("wrote {}", args.out.join("report.html").display()));
     Ok(0)
 }
 
 impl Pair {
-    fn open(args: &CompareArgs) -> Result<Self> {
+    /// The frames that are compared.
+    fn frames(args: &CompareArgs) -> Result<[Frame; 2]> {
         let chunk = RawSpec::chunk_shape();
         let open = |name: &str| -> Result<Frame> {
             let width = Frame::open(name, args.frame, 0)?.rect.width;
             Frame::open(name, args.frame, 2 * 4 * chunk.0 * (width.div_ceil(chunk.1) * chunk.1))
         };
-        let frames = [open(&args.first)?, open(&args.second)?];
+        Ok([open(&args.first)?, open(&args.second)?])
+    }
+
+    /// Whether pitch or filters of the sensors differ.
+    fn are_of_different_sensors([a, b]: &[Frame; 2]) -> bool {
+        a.spec.pitch_um != b.spec.pitch_um || pattern(a) != pattern(b)
+    }
+
+    /// The pair of `frames` of one sensor.
+    fn new(args: &CompareArgs, frames: [Frame; 2]) -> Result<Self> {
         let [a, b] = &frames;
         let differs = [
             ("pixels", a.rect.to_string(), b.rect.to_string()),
-            ("pitch in µm", a.spec.pitch_um.to_string(), b.spec.pitch_um.to_string()),
-            ("pattern", pattern(a), pattern(b)),
             ("sensor sizes", a.spec.sensor.to_string(), b.spec.sensor.to_string()),
             (
                 "middles in mm (down, right)",

@@ -170,11 +170,7 @@ struct Work<'a> {
 
 impl Work<'_> {
     fn strip(&self, rect: Rect) -> Result<Strip> {
-        let electrons = |f: &Frame| -> Result<Vec<f32>> {
-            let (black, k) = (f.sensor.adc.black_dn as f32, (f.gain * f.sensor.adc.gain_dn_per_e) as f32);
-            Ok(f.read(rect)?.iter().map(|v| (v - black) / k).collect())
-        };
-        let (a, b) = (electrons(&self.pair.frames[0])?, electrons(&self.pair.frames[1])?);
+        let (a, b) = (electrons(&self.pair.frames[0], rect)?, electrons(&self.pair.frames[1], rect)?);
         let frame = &self.pair.frames[0];
         let (of, p) = (frame.sensor.plane_of_channels(), &frame.sensor.pattern);
         let (down, across) = self.grid;
@@ -238,8 +234,15 @@ fn height_mm(frame: &Frame, rect: Rect) -> f64 {
     y.hypot(x)
 }
 
+/// Electrons of the pixels `rect` of the array.
+pub fn electrons(frame: &Frame, rect: Rect) -> Result<Vec<f32>> {
+    let adc = &frame.sensor.adc;
+    let (black, k) = (adc.black_dn as f32, (frame.gain * adc.gain_dn_per_e) as f32);
+    Ok(frame.read(rect)?.iter().map(|v| (v - black) / k).collect())
+}
+
 /// Standard deviation of a pixel of some mean charge over frames and dies, e-: of the noises that are on, rounding included.
-fn sigma_e(frame: &Frame, mean_e: f64) -> f64 {
+pub fn sigma_e(frame: &Frame, mean_e: f64) -> f64 {
     let s = &frame.sensor;
     let job = frame.attributes.get("provenance").map(|p| &p["job"]);
     let noise = job.and_then(|j| j["noise"].as_str()).and_then(|n| n.parse().ok()).unwrap_or(NoiseSet::ALL);

@@ -74,6 +74,55 @@ fn comparison_of_raws_finds_what_differs() {
     assert!(!place.at("no").exists());
 }
 
+/// Uniform light on pixels of 2 and 4 µm with shot noise alone: four times the charge, twice the SNR, the same SNR of an area.
+#[test]
+fn raws_of_different_sensors_are_measured_side_by_side() {
+    let place = Place::new();
+    let film = place.film_named("u.film", Size::new(300, 400), |_, _, _| 1e-3);
+    let flags = ["--sensor", "ideal-mono", "--exposure", "1ms", "--noise", "shot"];
+    let raw = |name: &str, pitch: &str, size: &str| {
+        place.raw(name, &film, &[&flags[..], &["--set", pitch, "--size", size]].concat())
+    };
+    let (a, b) = (raw("a.zarr", "pixel.pitch_um=2", "300x200"), raw("b.zarr", "pixel.pitch_um=4", "180x140"));
+    let out = place.at("out");
+    let words = ["compare", text(&a), text(&b), "--out", text(&out), "--grid", "3"];
+    let ran = lenscube(&words).ok();
+    assert!(ran.stderr.contains("of different sensors: each is measured by itself"), "{}", ran.stderr);
+    let all: serde_json::Value =
+        serde_json::from_slice(&std::fs::read(out.join("compare.json")).unwrap()).unwrap();
+    // The part that both see: that of the smaller one in each direction, in mm.
+    assert_eq!(all["common_mm"]["x"], serde_json::json!([-0.3, 0.3]));
+    assert_eq!(all["common_mm"]["y"], serde_json::json!([-0.2, 0.2]));
+    let cells = all["cells"].as_array().unwrap();
+    assert_eq!(cells.len(), 2 * 9);
+    for (a, b) in cells[..9].iter().zip(&cells[9..]) {
+        let number = |cell: &serde_json::Value, key: &str| cell[key].as_f64().unwrap();
+        assert!(a["raw"] == "A" && b["raw"] == "B" && a["middle_mm"] == b["middle_mm"], "{a} {b}");
+        assert!((number(b, "mean_e") / number(a, "mean_e") - 4.0).abs() < 0.02, "{a} {b}");
+        assert!((number(b, "snr_db") - number(a, "snr_db") - 20.0 * 2f64.log10()).abs() < 0.05, "{a} {b}");
+        assert!((number(b, "snr_of_100_um2_db") - number(a, "snr_of_100_um2_db")).abs() < 0.05, "{a} {b}");
+        let area_db = 10.0 * (100.0 / 4.0_f64).log10();
+        assert!((number(a, "snr_of_100_um2_db") - number(a, "snr_db") - area_db).abs() < 1e-9, "{a}");
+    }
+    assert!(!out.join("difference.png").exists() && out.join("report.html").exists());
+    assert_exit(
+        &lenscube(&[&words[..], &["--overwrite", "--edge", "1,1,9,90"]].concat()),
+        USAGE,
+        &["--edge", "no pixels in common"],
+    );
+    let away = place.raw(
+        "c.zarr",
+        &film,
+        &[&flags[..], &["--set", "pixel.pitch_um=3", "--size", "20", "--center", "0.35,0"]].concat(),
+    );
+    assert_exit(
+        &lenscube(&["compare", text(&a), text(&away), "--out", text(&place.at("no"))]),
+        USAGE,
+        &["a common part"],
+    );
+    assert!(!place.at("no").exists());
+}
+
 #[test]
 fn edges_that_measure_refuses_are_not_compared() {
     let place = Place::new();
