@@ -15,6 +15,7 @@ use anyhow::{Context, Result};
 use estimate::{Needed, estimate};
 use formats::design::builtin::SAMPLE;
 use formats::lens::{LensPackError, LensPackWriter};
+use pipeline::bounds::HEIGHT_MM;
 use pipeline::design::System;
 use pipeline::design::depth::trace::DepthOptions;
 use pipeline::design::describe::field_tan;
@@ -250,7 +251,7 @@ pub fn heights(text: &str) -> Result<Vec<f64>> {
 fn parse_heights(text: &str) -> Result<Vec<f64>, String> {
     let number = |t: &str| {
         let v = t.trim().parse::<f64>().ok().filter(|v| v.is_finite() && *v >= 0.0);
-        v.ok_or(format!("`{t}` is not a height in mm"))
+        HEIGHT_MM.check(v.ok_or(format!("`{t}` is not a height in mm"))?).map_err(|e| e.to_string())
     };
     let fields: Vec<&str> = text.split(':').collect();
     let [first, last, step] = fields[..] else { return text.split(',').map(number).collect() };

@@ -127,6 +127,8 @@ fn show_design_prints_system_data_and_writes_plots() {
         assert!(words.contains(word), "`{word}` is not in: {words}");
     }
     let plots = dir.path().join("plots");
+    let far = lenscube(&["lens", "show", "double-gauss-28", "--heights", "1e300"]);
+    assert_error_line(&far, USAGE, &["--heights 1e300: ", "is 1e300 mm, expected 0 to"]);
     // The axis alone.
     let axis =
         lenscube(&["lens", "show", "double-gauss-28", "--heights", "0", "--wavelengths", "550", "--json"])
