@@ -18,7 +18,7 @@ mod field_height;
 mod film;
 pub mod film_engine;
 mod frame;
-mod ghosts;
+pub mod ghosts;
 mod identity;
 mod inputs;
 mod keys;

@@ -332,6 +332,20 @@ fn read(path: &Path, limit: u64) -> Result<Option<String>, SensorError> {
     }
 }
 
+/// The reflectance of a film in the CSV at `path`: columns `wavelength_nm`, ascending, and `reflectance`, 0 to 1.
+///
+/// # Errors
+/// [`SensorError`] of a file that cannot be read or is no such table.
+pub fn film_reflectance(path: &Path) -> Result<Curve, SensorError> {
+    let missing = || SensorError::Table { path: path.into(), problem: "is not there".into() };
+    table::curve(
+        path,
+        &read(path, MAX_TABLE)?.ok_or_else(missing)?,
+        "reflectance",
+        Quantity::Share("reflectance"),
+    )
+}
+
 /// Replaces one field: `noise.prnu=0`.
 fn replace(table: &mut toml::Table, word: &str) -> Result<(), String> {
     let (field, value) = word.split_once('=').ok_or("expected FIELD=VALUE, e.g. noise.prnu=0")?;

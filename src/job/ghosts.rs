@@ -1,21 +1,24 @@
-//! Ghosts of a job: the operators of its bands, traced when the first layer needs one.
+//! Ghosts of a job: the operators of its bands, from the cache, or traced when the first layer needs one and stored there.
 
 use crate::args::{CoatingsArg, GHOST_RINGS, RunArgs};
 use crate::design;
 use crate::failure::usage;
 use crate::job::lens::UntracedLens;
+use crate::job::lens::cache::Cache;
+use crate::job::lens::cache::operators::{CachedGhosts, ghosts_recipe};
 use crate::progress::{log_line, number};
 use anyhow::Result;
-use pipeline::design::ghost::operator::{
-    BandGhosts, GhostOptions, geometry_nm, ghost_memory_bytes, ghost_seconds, trace_ghosts,
-};
+use pipeline::design::ghost::estimate::{ghost_memory_bytes, ghost_seconds};
+use pipeline::design::ghost::operator::{BandGhosts, GHOSTS_VERSION, trace_ghosts};
+use pipeline::design::ghost::options::GhostOptions;
 use pipeline::design::ghost::path::ghost_paths;
-use pipeline::design::ghost::rings::RingOperator;
+use pipeline::design::ghost::rings::{RingOperator, RingSizes};
+use pipeline::design::ghost::{GhostPath, geometry_nm};
 use pipeline::design::trace::with_threads;
 use pipeline::design::{DesignError, System};
 use pipeline::geometry::{Frame, Rect};
 use serde_json::{Value, json};
-use std::sync::Mutex;
+use std::sync::{Mutex, OnceLock};
 
 /// Rings below which the disc of a ghost is blurred.
 const SHARP_RINGS: f64 = 2.0;
@@ -30,7 +33,9 @@ pub struct JobGhosts {
     wavelengths_nm: Vec<f64>,
     threads: usize,
     /// Bands that are traced and not yet used.
-    traced: Mutex<Vec<BandGhosts>>,
+    traced: Mutex<Vec<(f64, CachedGhosts)>>,
+    /// None if it cannot be written.
+    cache: OnceLock<Option<Cache>>,
 }
 
 /// The design of `lens` for ghosts, and how they are computed; none without them.
@@ -68,6 +73,7 @@ fn asked<'l>(
 pub fn identity(args: &RunArgs, lens: &UntracedLens, frame: &Frame) -> Result<Option<Value>> {
     let of = |(system, options): (&System, GhostOptions)| {
         json!({
+            "version": GHOSTS_VERSION,
             "design": blake3::hash(system.identity().as_bytes()).to_hex().to_string(),
             "rings": options.rings,
             "sensor_reflectance": options.film_reflectance.0,
@@ -102,6 +108,7 @@ impl JobGhosts {
             wavelengths_nm: wavelengths_nm.to_vec(),
             threads,
             traced: Mutex::default(),
+            cache: OnceLock::new(),
         }))
     }
 
@@ -126,9 +133,29 @@ impl JobGhosts {
     /// A wavelength outside the tables of a glass or a coating.
     pub fn operator(&self, nm: f64) -> Result<RingOperator, DesignError> {
         let mut traced = self.traced.lock().expect("no panic while held");
-        if let Some(k) = traced.iter().position(|band| band.wavelength_nm == nm) {
-            return Ok(traced.swap_remove(k).operator);
-        }
+        let take = |traced: &mut Vec<(f64, CachedGhosts)>| {
+            let k = traced.iter().position(|band| band.0 == nm)?;
+            Some(traced.swap_remove(k).1)
+        };
+        let found = match take(&mut traced).or_else(|| self.find(nm)) {
+            Some(found) => found,
+            None => {
+                *traced = self.trace(nm)?;
+                take(&mut traced).expect("the band is traced")
+            }
+        };
+        found.notes.iter().for_each(log_line);
+        Ok(found.operator)
+    }
+
+    fn find(&self, nm: f64) -> Option<CachedGhosts> {
+        let cache = self.cache.get_or_init(Cache::open_if_usable).as_ref()?;
+        let sizes = RingSizes::new(self.options.corner_mm, self.options.rings);
+        cache.find_ghosts(&ghosts_recipe(&self.system, nm, &self.options), sizes)
+    }
+
+    /// Traces the bands that share the rays of the one at `nm`, and stores them in the cache.
+    fn trace(&self, nm: f64) -> Result<Vec<(f64, CachedGhosts)>, DesignError> {
         let mut together: Vec<f64> = self
             .wavelengths_nm
             .iter()
@@ -138,29 +165,48 @@ impl JobGhosts {
         together.sort_by(f64::total_cmp);
         together.dedup();
         let bands = with_threads(self.threads, || trace_ghosts(&self.system, &together, &self.options))?;
-        *traced = bands;
-        let k = traced.iter().position(|band| band.wavelength_nm == nm).unwrap_or(0);
-        let band = traced.swap_remove(k);
-        self.note_small(&band);
-        Ok(band.operator)
-    }
-
-    /// A note of ghosts that the rings blur.
-    fn note_small(&self, band: &BandGhosts) {
-        let all: f64 = band.paths.iter().map(|p| p.axis.share).sum();
-        let ring_mm = band.operator.sizes.ring_mm;
-        let is_small = |rings: f64, share: f64| rings < SHARP_RINGS && share > NOTED * all;
-        for path in &band.paths {
-            let rings = path.axis.diameter_mm() / ring_mm;
-            if is_small(rings, path.axis.share) {
+        let mut traced = Vec::with_capacity(bands.len());
+        let mut cache = self.cache.get_or_init(Cache::open_if_usable).as_ref();
+        for band in bands {
+            let nm = band.wavelength_nm;
+            let ghosts = CachedGhosts { notes: small_ghosts(&self.system, &band), operator: band.operator };
+            let recipe = ghosts_recipe(&self.system, nm, &self.options);
+            if let Some(Err(error)) = cache.map(|cache| cache.insert_ghosts(&recipe, &ghosts)) {
                 log_line(format!(
-                    "note: ghost {}-{} at {} nm: {:.2} mm on the axis, {rings:.1} rings: that of a lamp smaller than a ring is blurred to {SHARP_RINGS} rings; --ghost-rings makes them finer",
-                    path.path.first + 1,
-                    path.path.second + 1,
-                    number(band.wavelength_nm),
-                    path.axis.diameter_mm(),
+                    "note: ghosts cannot be stored in the cache ({}); they are traced for this run only",
+                    crate::failure::line(&error)
                 ));
+                cache = None;
             }
+            traced.push((nm, ghosts));
         }
+        Ok(traced)
     }
+}
+
+/// Notes of the ghosts of a band that the rings blur.
+fn small_ghosts(system: &System, band: &BandGhosts) -> Vec<String> {
+    let all: f64 = band.paths.iter().map(|p| p.axis.share).sum();
+    let sizes = band.operator.sizes;
+    let mut notes = Vec::new();
+    for path in &band.paths {
+        let diameter_mm = path.axis.diameter_mm();
+        let rings = diameter_mm / sizes.ring_mm;
+        if rings >= SHARP_RINGS || path.axis.share <= NOTED * all {
+            continue;
+        }
+        let [axis, half] = path.understated(sizes);
+        notes.push(format!(
+            "note: ghost {} at {} nm: {diameter_mm:.2} mm on the axis, {rings:.1} rings: of a lamp smaller than a ring its peak is understated {axis:.1} x there, up to {half:.1} x at half field; --ghost-rings makes rings finer",
+            path_name(path.path, system.image()),
+            number(band.wavelength_nm),
+        ));
+    }
+    notes
+}
+
+/// `11-9`, the film by name.
+pub fn path_name(path: GhostPath, film: usize) -> String {
+    let surface = |k: usize| if k == film { "film".to_owned() } else { (k + 1).to_string() };
+    format!("{}-{}", surface(path.first), surface(path.second))
 }

@@ -1,8 +1,10 @@
 //! Ghosts on films: where they lie and how bright they are, the same bytes however a film is made, off means off, errors.
 
-use crate::common::{Picture, assert_exit, files, lenscube, pixels, text};
+use crate::common::{CommandResult, Picture, assert_exit, bits, files, lenscube, pixels, text};
 use pipeline::geometry::Size;
-use std::path::PathBuf;
+use std::fs;
+use std::path::{Path, PathBuf};
+use std::process::Command;
 
 /// A chart with a lamp in the dark, in one band.
 struct Lamp {
@@ -36,6 +38,20 @@ impl Lamp {
         lenscube(&[&["run", text(&self.chart), text(&film)], &job[..], flags].concat())
     }
 
+    /// [`Lamp::run`] with a cache of its own.
+    fn run_with_cache(&self, cache: &str, name: &str, flags: &[&str]) -> CommandResult {
+        let mut command = Command::new(env!("CARGO_BIN_EXE_lenscube"));
+        command.args(["run", text(&self.chart), text(&self.dir.path().join(name))]).args(TRIPLET).args(flags);
+        CommandResult::new(&command.env("XDG_CACHE_HOME", self.dir.path().join(cache)).output().unwrap())
+    }
+
+    /// The ghosts in a cache.
+    fn cached(&self, cache: &str) -> Vec<PathBuf> {
+        let entries = fs::read_dir(self.dir.path().join(cache).join("lenscube/lenses")).unwrap();
+        let entries = entries.map(|entry| entry.unwrap().path());
+        entries.filter(|path| path.extension().is_some_and(|e| e == "ghosts")).collect()
+    }
+
     /// The pixels of the film `name`.
     fn film(&self, name: &str) -> Vec<f32> {
         pixels(&self.dir.path().join(name), "film").1.remove(0)
@@ -45,6 +61,24 @@ impl Lamp {
         files(&self.dir.path().join(name))
     }
 }
+
+/// A coated triplet with few rings, for films whose bytes are compared.
+const TRIPLET: [&str; 14] = [
+    "--lens",
+    "triplet",
+    "--film-pitch-um",
+    "100",
+    "--stages",
+    "ri,distortion",
+    "--coatings",
+    "mgf2",
+    "--ghosts",
+    "on",
+    "--ghost-rings",
+    "16",
+    "--sensor-reflectance",
+    "5%",
+];
 
 /// The film and the rear group of the Double Gauss image a lamp through the axis, 1.06 times as far from it, with half a percent of its light where the film reflects a tenth.
 #[test]
@@ -80,9 +114,9 @@ fn lamp_has_its_inverted_ghost_of_the_film() {
 fn bytes_of_a_film_with_ghosts_do_not_depend_on_threads_and_off_is_off() {
     let scene = Lamp::new(Size::new(60, 80), 6, (10.0, -15.0));
     let coated = ["--coatings", "mgf2"];
-    let ghosts = [&coated[..], &["--ghosts", "on", "--ghost-rings", "16"]].concat();
     for threads in ["1", "3"] {
-        scene.run(threads, "triplet", &[&ghosts[..], &["--threads", threads]].concat()).ok();
+        // Each traces its ghosts.
+        scene.run_with_cache(&format!("cache {threads}"), threads, &["--threads", threads]).ok();
     }
     assert!(scene.files("1") == scene.files("3"));
     scene.run("plain", "triplet", &coated).ok();
@@ -107,4 +141,65 @@ fn ghosts_need_a_design_that_reflects_light() {
         assert_exit(&scene.run("film", "triplet", &flag), 2, &["--ghosts on"]);
     }
     assert_exit(&scene.run("film", "triplet", &["--ghosts", "on", "--ghost-rings", "8"]), 2, &["16 to 256"]);
+}
+
+#[test]
+fn ghosts_of_the_cache_give_the_same_film_and_damaged_ones_are_traced_again() {
+    let scene = Lamp::new(Size::new(60, 80), 6, (10.0, -15.0));
+    scene.run_with_cache("cache", "traced", &[]).ok();
+    let entry = scene.cached("cache");
+    assert_eq!(entry.len(), 1);
+    let intact = fs::read(&entry[0]).unwrap();
+    scene.run_with_cache("cache", "cached", &[]).ok();
+    assert!(scene.files("cached") == scene.files("traced"));
+    let mut damaged = intact.clone();
+    let last = damaged.len() - 2;
+    damaged[last] ^= 1;
+    fs::write(&entry[0], damaged).unwrap();
+    let again = scene.run_with_cache("cache", "again", &[]).ok();
+    assert!(again.stderr.contains("its ghosts are traced again"), "{}", again.stderr);
+    assert!(scene.files("again") == scene.files("traced"));
+    assert!(fs::read(&entry[0]).unwrap() == intact);
+    // Other ghosts have an entry of their own.
+    scene.run_with_cache("cache", "larger", &["--overwrite", "--film-size", "70x60"]).ok();
+    assert_eq!(scene.cached("cache").len(), 2);
+}
+
+#[test]
+fn ghosts_do_not_depend_on_memory_regions_or_units() {
+    let scene = Lamp::new(Size::new(300, 260), 20, (40.0, -55.0));
+    let layout = ["--shard", "64", "--chunk", "32"];
+    let run = |name: &str, flags: &[&str]| {
+        let film = scene.dir.path().join(name);
+        lenscube(&[&["run", text(&scene.chart), text(&film)], &TRIPLET[..], &layout, flags].concat())
+    };
+    run("whole", &["--memory", "4GiB"]).ok();
+    let whole = scene.files("whole");
+    run("small", &["--memory", "512MiB"]).ok();
+    assert!(scene.files("small") == whole);
+    // Regions: their pixels, and the layer of the whole film.
+    let (x, y, w, h) = (70, 100, 130, 90);
+    run("regions", &["--roi", "70,100,130,90"]).ok();
+    let (size, film) = pixels(&scene.dir.path().join("whole"), "film");
+    let rows = |band: &Vec<u32>| -> Vec<u32> {
+        (y..y + h).flat_map(|row| band[row * size.width + x..][..w].to_vec()).collect()
+    };
+    let expected: Vec<_> = bits(&film).iter().map(rows).collect();
+    assert!(bits(&pixels(&scene.dir.path().join("regions"), "roi_0").1) == expected);
+    let layer = Path::new("veil/c/0/0/0");
+    assert!(scene.files("regions")[layer] == whole[layer]);
+    // Units in an order of no order.
+    let (job, film) = (scene.dir.path().join("job.json"), scene.dir.path().join("units"));
+    let plan = ["plan", text(&scene.chart), text(&film), "-o", text(&job), "--unit-rows", "1"];
+    lenscube(&[&plan[..], &TRIPLET, &layout].concat()).ok();
+    for unit in ["3", "0", "4", "1", "2"] {
+        lenscube(&["run", "--plan", text(&job), "--unit", unit]).ok();
+    }
+    assert!(scene.files("units") == whole);
+    // A flipped byte of the layer.
+    let path = film.join(layer);
+    let mut bytes = fs::read(&path).unwrap();
+    bytes[100] ^= 1;
+    fs::write(&path, bytes).unwrap();
+    assert_exit(&lenscube(&["verify", text(&film)]), 4, &["bad: veil/c/0/0/0: its checksum does not match"]);
 }

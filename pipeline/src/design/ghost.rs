@@ -16,18 +16,27 @@
 //! image in an uncoated lens of ten surfaces, 2·10⁻⁶ with quarter waves), reflections at mounts and edges, diffraction and interference of ghosts.
 
 pub mod apertures;
+mod cell;
+pub mod estimate;
 pub mod first_order;
 mod grid;
+mod group;
 mod heights;
 pub mod light;
 mod light_tables;
 pub mod operator;
+pub mod options;
 pub mod path;
+pub mod report;
 pub mod rings;
 pub mod share;
+pub mod small;
+mod sums;
+pub mod table;
 #[cfg(test)]
 mod test_lenses;
 pub mod trace;
 mod window;
 
+pub use group::geometry_nm;
 pub use path::{GhostLens, GhostPath};

@@ -80,9 +80,9 @@ pub static DESCRIPTIONS: [Description; 4] = [
     Description {
         stage: Stage::Veil,
         name: "veil",
-        help: "Scatter and veiling glare",
+        help: "Scatter, veiling glare and ghosts",
         on_by_default: false,
-        flags: "--veiling-glare, --scatter",
+        flags: "--veiling-glare, --scatter, --ghosts",
         always_in_identity: false,
         on_gpus: true,
         // A layer: its memory and the cost of making it are those of the job's layers.

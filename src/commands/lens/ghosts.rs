@@ -2,11 +2,13 @@
 
 use crate::args::LightArgs;
 use crate::design;
+use crate::job::ghosts::path_name;
 use crate::progress::{log_line, print};
 use anyhow::Result;
 use pipeline::design::System;
-use pipeline::design::ghost::GhostPath;
-use pipeline::design::ghost::operator::{GhostOptions, GhostTable, ghost_table};
+use pipeline::design::ghost::options::GhostOptions;
+use pipeline::design::ghost::report::PathReport;
+use pipeline::design::ghost::table::{GhostTable, ghost_table};
 use pipeline::design::ray::Tracer;
 use serde_json::{Value, json};
 
@@ -75,18 +77,12 @@ fn notes(table: &GhostTable) {
     }
 }
 
-/// `11-9`, the film by name.
-fn name(path: GhostPath, film: usize) -> String {
-    let surface = |k: usize| if k == film { "film".to_owned() } else { (k + 1).to_string() };
-    format!("{}-{}", surface(path.first), surface(path.second))
-}
-
 impl Ghosts {
     /// As JSON.
     pub fn json(&self, system: &System) -> Value {
-        let path = |p: &pipeline::design::ghost::operator::PathReport| {
+        let path = |p: &PathReport| {
             json!({
-                "path": name(p.path, system.image()),
+                "path": path_name(p.path, system.image()),
                 "share_on_axis": p.axis.share,
                 "share_at_half_field": p.half.share,
                 "density_per_mm2": finite(p.axis.density()),
@@ -100,9 +96,7 @@ impl Ghosts {
                 },
             })
         };
-        let sum = |share: fn(&pipeline::design::ghost::operator::PathReport) -> f64| -> f64 {
-            self.table.paths.iter().map(share).sum()
-        };
+        let sum = |share: fn(&PathReport) -> f64| -> f64 { self.table.paths.iter().map(share).sum() };
         json!({
             "wavelength_nm": self.nm,
             "film_corner_mm": self.corner_mm,
@@ -116,9 +110,8 @@ impl Ghosts {
     /// As text.
     pub fn print(&self, system: &System) {
         let Self { table, corner_mm, nm } = self;
-        let sum = |share: fn(&pipeline::design::ghost::operator::PathReport) -> f64| -> f64 {
-            100.0 * table.paths.iter().map(share).sum::<f64>()
-        };
+        let sum =
+            |share: fn(&PathReport) -> f64| -> f64 { 100.0 * table.paths.iter().map(share).sum::<f64>() };
         print(format!(
             "\nghosts at {nm:.1} nm: {} paths of two reflections; light over that of the image on the axis: from the axis {:.4} %, from half of the field {:.4} %",
             table.paths.len(),
@@ -136,7 +129,7 @@ impl Ghosts {
             let diameter = p.axis.diameter_mm();
             print(format!(
                 "{:>8}  {axis:.1e} %  {half:.1e} %   {density}  {diameter:9.3}  {:6.1}",
-                name(p.path, system.image()),
+                path_name(p.path, system.image()),
                 diameter / table.ring_mm
             ));
         }

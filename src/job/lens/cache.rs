@@ -4,9 +4,10 @@
 //! inputs of the trace (design, wavelength, options, version of the tracer). CONTENT is the digest of the file, so a truncated,
 //! damaged or edited entry does not match its name and is traced again. An entry is written under a temporary name and renamed.
 //! Processes that trace the same band at the same time write the same bytes. Entries may be deleted at any time. Wide PSFs are stored as
-//! their pupil functions, a hundredth of the bytes.
+//! their pupil functions, a hundredth of the bytes. Beside them: depth nodes ([`placements`]) and the operators of ghosts ([`operators`]).
 
 pub mod entries;
+pub mod operators;
 mod placements;
 pub mod reduced;
 

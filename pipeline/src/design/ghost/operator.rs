@@ -5,108 +5,33 @@
 //!
 //! From each ring of the scene the rays of each path are interpolated to about 10,000 points, as many in each cell of its window that lets light through, at places of the R2 sequence
 //! (Roberts 2018). Their light is collected over rings and azimuths of the film and transformed to azimuthal orders.
-//!
-//! Paths with little light are left out of a band: the weakest, as long as they have together less than 1 % of all and each a density below 1 % of the largest.
-
-use std::f64::consts::PI;
 
 use rayon::prelude::*;
 
 use super::apertures::Apertures;
-use super::first_order::FirstOrder;
-use super::grid::{LIGHT, OVERSHOOT, X, Y};
-use super::heights::{Fields, PathHeights};
-use super::light::GhostLight;
+use super::cell::Cell;
+use super::group::{Group, geometry_nm};
+use super::heights::PathHeights;
 use super::light_tables::{LANES, LightTables};
-use super::path::{Crossing, GhostLens, GhostPath, ghost_paths};
-use super::rings::{RingOperator, RingSizes, jackson};
-use super::share::PathLight;
-use super::window::Window;
+use super::options::GhostOptions;
+use super::report::{PathReport, sort};
+use super::rings::RingOperator;
+use super::sums::RingSums;
 use crate::design::prescription::error::DesignError;
 use crate::design::prescription::system::System;
-use crate::real;
 
-/// Spacing of the wavelengths at which geometry is traced, nm.
-const GEOMETRY_NM: f64 = 60.0;
-/// Nodes of the window of a usual path, and its heights, for estimates of memory.
-const WINDOW_NODES: usize = 640;
-const HEIGHTS: usize = 65;
-/// Core seconds of a path for each wavelength of the geometry, and for each band and half of 64 rings, for estimates of time.
-const GEOMETRY_S: f64 = 0.04;
-const LIGHT_S: f64 = 0.002;
+/// Version of the operators' values.
+pub const GHOSTS_VERSION: u32 = 2;
 /// Points of half a window from which light is sent.
 const POINTS: usize = 5000;
 /// Points of a cell of the window.
 const CELL_POINTS: (usize, usize) = (4, 200);
+/// Times as many of a cell that a rim crosses.
+const RIM_POINTS: usize = 4;
 /// Steps of the R2 sequence: powers of the inverse of the plastic number.
 const R2: (f64, f64) = (0.754_877_666_246_693, 0.569_840_290_998_053);
 /// Steps of its start from cell to cell.
 const FIRST: (f64, f64) = (0.618_033_988_749_895, 0.414_213_562_373_095);
-/// Azimuths over half a turn per ring, for the light that is collected.
-const HALF_TURN: usize = 4;
-/// Share of the light that paths may have that are left out, and their density over the largest.
-const LEFT_OUT: f64 = 0.01;
-
-/// What the ghosts of a film are computed with.
-#[derive(Clone, Debug, PartialEq)]
-pub struct GhostOptions {
-    /// Real image height of the film's corner, mm.
-    pub corner_mm: f64,
-    /// Rings to the corner.
-    pub rings: usize,
-    /// Reflectance of the film.
-    pub film_reflectance: Reflectance,
-}
-
-/// A reflectance over the wavelength: nm, ascending, and value; linear between entries, one holds at all wavelengths.
-#[derive(Clone, Debug, Default, PartialEq)]
-pub struct Reflectance(pub Vec<(f64, f64)>);
-
-impl Reflectance {
-    /// The value at `nm`, 0 without entries.
-    ///
-    /// # Errors
-    /// [`DesignError::Option`] outside the entries.
-    pub fn at(&self, nm: f64) -> Result<f64, DesignError> {
-        let entries = &self.0;
-        let (Some(first), Some(last)) = (entries.first(), entries.last()) else { return Ok(0.0) };
-        if entries.len() == 1 {
-            return Ok(first.1);
-        }
-        if nm < first.0 - 1e-6 || nm > last.0 + 1e-6 {
-            return Err(DesignError::Option {
-                option: "sensor reflectance",
-                value: format!("given for {}..{} nm", first.0, last.0),
-                expected: "values at all wavelengths of the film",
-            });
-        }
-        let i = entries.partition_point(|e| e.0 <= nm).clamp(1, entries.len() - 1);
-        let ((a, low), (b, high)) = (entries[i - 1], entries[i]);
-        Ok(low + ((nm - a) / (b - a)).clamp(0.0, 1.0) * (high - low))
-    }
-
-    /// Whether it is 0 at all wavelengths.
-    pub fn is_zero(&self) -> bool {
-        self.0.iter().all(|e| e.1 == 0.0)
-    }
-}
-
-/// A path in the operator of a band.
-#[derive(Clone, Copy, Debug, PartialEq)]
-pub struct PathReport {
-    /// The path.
-    pub path: GhostPath,
-    /// Its light from the axis.
-    pub axis: PathLight,
-    /// From half of the film's corner.
-    pub half: PathLight,
-    /// First-order figures.
-    pub first_order: FirstOrder,
-    /// Share of the source whose ghost is largest, of the axis, half of the corner and the corner.
-    largest: PathLight,
-    /// Whether the operator has it.
-    pub is_kept: bool,
-}
 
 /// The ghosts of a band.
 #[derive(Clone, Debug, PartialEq)]
@@ -147,130 +72,7 @@ pub fn trace_ghosts(
     Ok(bands)
 }
 
-/// Wavelength at which the geometry of the band at `nm` is traced.
-pub fn geometry_nm(nm: f64) -> f64 {
-    (nm / GEOMETRY_NM).round() * GEOMETRY_NM
-}
-
-/// Paths of `system`, the film's included if it reflects.
-fn count_of_paths(system: &System, options: &GhostOptions) -> usize {
-    ghost_paths(system, !options.film_reflectance.is_zero()).0.len()
-}
-
-/// Bytes while the ghosts of `bands` bands that share their geometry are traced on `threads` threads, without those of paths whose heights are doubled twice: grids of the rays of each path, sums
-/// over the rings of the film, and the operators.
-pub fn ghost_memory_bytes(system: &System, options: &GhostOptions, bands: usize, threads: usize) -> usize {
-    let sizes = RingSizes::new(options.corner_mm, options.rings);
-    let lanes = bands.min(LANES);
-    let grid = 4 * (LIGHT + lanes) * WINDOW_NODES;
-    let sums = 8 * lanes * sizes.rings * (HALF_TURN * sizes.rings + 1);
-    let operator = 4 * (sizes.orders() + 1) * sizes.rings * sizes.source_rings;
-    count_of_paths(system, options) * HEIGHTS * grid
-        + threads * sums
-        + (bands.div_ceil(lanes).max(2) * lanes) * operator
-}
-
-/// Core seconds of tracing the ghosts of `system` at `wavelengths_nm`, on a 2.2 GHz Xeon: of spherical surfaces.
-pub fn ghost_seconds(system: &System, options: &GhostOptions, wavelengths_nm: &[f64]) -> f64 {
-    let groups = wavelengths_nm.chunk_by(|a, b| geometry_nm(*a) == geometry_nm(*b)).count() as f64;
-    let paths = count_of_paths(system, options) as f64;
-    let rings = options.rings as f64 / 64.0;
-    paths * (groups * GEOMETRY_S + wavelengths_nm.len() as f64 * LIGHT_S * (1.0 + rings))
-}
-
-/// The ghost paths of a lens at one wavelength.
-#[derive(Clone, Debug, PartialEq)]
-pub struct GhostTable {
-    /// The paths, the largest share on the axis first.
-    pub paths: Vec<PathReport>,
-    /// Width of a ring, mm.
-    pub ring_mm: f64,
-    /// Surfaces whose clear radius is that of image rays, from 0.
-    pub radii_of_rays: Vec<usize>,
-    /// Paths between whose reflections a mirror lies, which are left out.
-    pub across_mirrors: usize,
-}
-
-/// The ghost paths of `system` at `nm`.
-///
-/// # Errors
-/// As [`trace_ghosts`].
-pub fn ghost_table(system: &System, nm: f64, options: &GhostOptions) -> Result<GhostTable, DesignError> {
-    let apertures = Apertures::new(system, options.corner_mm)?;
-    let group = Group::new(system, nm, &[nm], options, &apertures)?;
-    let ways = group.ways();
-    let tables = LightTables::new(&group.lights, ways.iter().map(Vec::as_slice));
-    let mut paths = group.reports(&ways, &group.windows(&ways), &tables).swap_remove(0);
-    sort(&mut paths);
-    Ok(GhostTable {
-        paths,
-        ring_mm: group.sizes.ring_mm,
-        radii_of_rays: apertures.of_rays,
-        across_mirrors: ghost_paths(system, !options.film_reflectance.is_zero()).1,
-    })
-}
-
-fn sort(paths: &mut [PathReport]) {
-    paths.sort_by(|a, b| b.axis.share.total_cmp(&a.axis.share));
-}
-
-/// Bands that share their geometry.
-struct Group<'a> {
-    lens: GhostLens<'a>,
-    wavelengths_nm: Vec<f64>,
-    sizes: RingSizes,
-    fields: Fields,
-    paths: Vec<GhostPath>,
-    lights: Vec<GhostLight>,
-    /// Axial flux of each band.
-    flux: Vec<f64>,
-    /// Light at the wavelength of the geometry, for the number of heights.
-    reference: [GhostLight; 1],
-}
-
-impl<'a> Group<'a> {
-    fn new(
-        system: &'a System,
-        geometry_nm: f64,
-        wavelengths_nm: &[f64],
-        options: &GhostOptions,
-        apertures: &Apertures,
-    ) -> Result<Self, DesignError> {
-        let lens = GhostLens::new(system, geometry_nm / 1e3, apertures)?;
-        let sizes = RingSizes::new(options.corner_mm, options.rings);
-        let tan_per_mm = 1.0 / lens.tracer().ideal_scale_mm();
-        let fields = Fields {
-            last: sizes.source_rings as f64 * sizes.ring_mm * tan_per_mm,
-            rings: (0..sizes.source_rings).map(|i| sizes.radius_mm(i) * tan_per_mm).collect(),
-            ring_mm: sizes.ring_mm,
-        };
-        let (mut lights, mut flux) = (Vec::new(), Vec::new());
-        for nm in wavelengths_nm {
-            lights.push(GhostLight::new(system, nm / 1e3, options.film_reflectance.at(*nm)?)?);
-            flux.push(GhostLens::new(system, nm / 1e3, apertures)?.axial_flux()?);
-        }
-        let (paths, _) = ghost_paths(system, !options.film_reflectance.is_zero());
-        let reference = [GhostLight::new(system, geometry_nm / 1e3, 1.0)?];
-        Ok(Self {
-            lens,
-            wavelengths_nm: wavelengths_nm.to_vec(),
-            sizes,
-            fields,
-            paths,
-            lights,
-            flux,
-            reference,
-        })
-    }
-
-    fn ways(&self) -> Vec<Vec<Crossing<'_>>> {
-        self.paths.iter().map(|path| self.lens.crossings(Some(*path))).collect()
-    }
-
-    fn windows(&self, ways: &[Vec<Crossing<'_>>]) -> Vec<Option<Window>> {
-        ways.par_iter().map(|way| self.lens.window(way, self.fields.last)).collect()
-    }
-
+impl Group<'_> {
     fn trace(&self) -> Vec<BandGhosts> {
         let lens = &self.lens;
         let ways = self.ways();
@@ -290,7 +92,7 @@ impl<'a> Group<'a> {
                 Some((k, heights))
             })
             .collect();
-        let columns: Vec<Vec<Vec<f32>>> = (0..self.sizes.source_rings)
+        let columns: Vec<Vec<Vec<f64>>> = (0..self.sizes.source_rings)
             .into_par_iter()
             .map(|ring| {
                 let mut sums = RingSums::new(self.sizes, self.lights.len());
@@ -306,7 +108,7 @@ impl<'a> Group<'a> {
             })
             .collect();
         let band = |(band, nm): (usize, &f64)| {
-            let columns: Vec<&[f32]> = columns.iter().map(|c| c[band].as_slice()).collect();
+            let columns: Vec<&[f64]> = columns.iter().map(|c| c[band].as_slice()).collect();
             let mut paths = std::mem::take(&mut reports[band]);
             sort(&mut paths);
             BandGhosts { wavelength_nm: *nm, operator: RingOperator::of_columns(self.sizes, &columns), paths }
@@ -314,176 +116,47 @@ impl<'a> Group<'a> {
         self.wavelengths_nm.iter().enumerate().map(band).collect()
     }
 
-    /// The paths of each band, as `ways`.
-    fn reports(
-        &self,
-        ways: &[Vec<Crossing<'_>>],
-        windows: &[Option<Window>],
-        tables: &LightTables<'_>,
-    ) -> Vec<Vec<PathReport>> {
-        let corner = self.sizes.rings as f64 * self.sizes.ring_mm / self.lens.tracer().ideal_scale_mm();
-        let dark = PathLight { share: 0.0, x_mm: 0.0, spread_mm: 0.0 };
-        let lights: Vec<[Vec<PathLight>; 3]> = (0..ways.len())
-            .into_par_iter()
-            .map(|k| {
-                [0.0, 0.5 * corner, corner].map(|tan| match &windows[k] {
-                    None => vec![dark; self.lights.len()],
-                    Some(window) => {
-                        self.lens.path_lights(&ways[k], window, tan, &tables.along(&ways[k]), &self.flux)
-                    }
-                })
-            })
-            .collect();
-        let report = |(k, band): (usize, usize)| {
-            let [axis, half, edge] = [0, 1, 2].map(|field| lights[k][field][band]);
-            let largest =
-                [axis, half, edge].into_iter().max_by(|a, b| a.share.total_cmp(&b.share)).unwrap_or(axis);
-            let first_order = self.lens.first_order(self.paths[k], &self.lights[band]);
-            PathReport { path: self.paths[k], axis, half, first_order, largest, is_kept: true }
-        };
-        let of_band = |band: usize| {
-            let mut reports: Vec<PathReport> = (0..ways.len()).map(|k| report((k, band))).collect();
-            leave_out(&mut reports);
-            reports
-        };
-        (0..self.lights.len()).map(of_band).collect()
-    }
-
     /// Adds the light of a path from `ring` to `sums`, times the scale of each band.
     fn collect(&self, path: &PathHeights, ring: usize, scales: &[f64], sums: &mut RingSums) {
         let tan = self.fields.rings[ring];
         let grid = path.at(tan, Some(ring));
         let (along, across) = path.window.cells;
-        let stride = grid.stride;
-        let corners = |i: usize, j: usize| {
-            [0, 1, across + 1, across + 2]
-                .map(|k| &grid.values[(i * (across + 1) + j + k) * stride..][..stride])
-        };
-        let is_lit = |(i, j): &(usize, usize)| {
-            let corners = corners(*i, *j);
-            let least = corners.iter().map(|c| c[OVERSHOOT]).fold(f32::INFINITY, f32::min);
-            corners.iter().all(|c| !c[OVERSHOOT].is_nan()) && least <= 0.0
-        };
-        let cells = || (0..along).flat_map(|i| (0..across).map(move |j| (i, j)));
-        let lit = cells().filter(is_lit).count();
-        if lit == 0 {
+        let cells: Vec<Cell<'_>> = (0..along)
+            .flat_map(|i| (0..across).map(move |j| (i, j)))
+            .filter_map(|(i, j)| grid.cell((along, across), (i, j)))
+            .collect();
+        if cells.is_empty() {
             return;
         }
-        let points = POINTS.div_ceil(lit).clamp(CELL_POINTS.0, CELL_POINTS.1);
+        let usual = POINTS.div_ceil(cells.len()).clamp(CELL_POINTS.0, CELL_POINTS.1);
         // Both halves of the window.
-        let area = 2.0 * path.window.cell_area_mm2() * self.lens.obliquity(tan) / points as f64;
+        let area = 2.0 * path.window.cell_area_mm2() * self.lens.obliquity(tan);
         let mut weights = vec![0.0; scales.len()];
-        for (i, j) in cells().filter(is_lit) {
-            let corners = corners(i, j);
-            let mix = |k: usize, shares: &[f64; 4]| -> f64 {
-                corners.iter().zip(shares).map(|(c, share)| share * f64::from(c[k])).sum()
-            };
-            let start = (ring * along + i) as f64 * FIRST.0 + j as f64 * FIRST.1;
+        for cell in cells {
+            let points = if cell.has_rim { RIM_POINTS * usual } else { usual };
+            let start = (ring * along + cell.at.0) as f64 * FIRST.0 + cell.at.1 as f64 * FIRST.1;
             for point in 0..points {
-                let u = (start + point as f64 * R2.0).fract();
-                let v = (start + point as f64 * R2.1).fract();
-                let shares = [(1.0 - u) * (1.0 - v), (1.0 - u) * v, u * (1.0 - v), u * v];
-                if mix(OVERSHOOT, &shares) > 0.0 {
+                let at = ((start + point as f64 * R2.0).fract(), (start + point as f64 * R2.1).fract());
+                if !cell.is_open(at) {
                     continue;
                 }
                 for (band, weight) in weights.iter_mut().enumerate() {
-                    *weight = mix(LIGHT + band, &shares) * area * scales[band];
+                    *weight = cell.light(band, at) * area * scales[band] / points as f64;
                 }
-                sums.add((mix(X, &shares), mix(Y, &shares)), &weights);
+                sums.add(cell.landing(at), &weights);
             }
         }
-    }
-}
-
-/// Leaves out the weakest paths of a band.
-fn leave_out(paths: &mut [PathReport]) {
-    let all: f64 = paths.iter().map(|p| p.largest.share).sum();
-    let densest = paths.iter().map(|p| p.largest.density()).filter(|d| d.is_finite()).fold(0.0, f64::max);
-    let mut order: Vec<usize> = (0..paths.len()).collect();
-    order.sort_by(|a, b| paths[*a].largest.share.total_cmp(&paths[*b].largest.share));
-    let mut left_out = 0.0;
-    for k in order {
-        let path = &mut paths[k];
-        // A point has no finite density.
-        let density = path.largest.density();
-        let is_dense = path.largest.share > 0.0 && (!density.is_finite() || density >= LEFT_OUT * densest);
-        if left_out + path.largest.share >= LEFT_OUT * all {
-            break;
-        }
-        if !is_dense {
-            left_out += path.largest.share;
-            path.is_kept = false;
-        }
-    }
-}
-
-/// Light that lands on the rings of the film from one ring of the scene, for several bands, over half a turn: rays are given with their mirror image.
-pub(super) struct RingSums {
-    sizes: RingSizes,
-    bands: usize,
-    /// Ring, azimuth from 0 to half a turn, band.
-    sums: Vec<f64>,
-}
-
-impl RingSums {
-    pub(super) fn new(sizes: RingSizes, bands: usize) -> Self {
-        Self { sizes, bands, sums: vec![0.0; sizes.rings * (HALF_TURN * sizes.rings + 1) * bands] }
-    }
-
-    /// Adds a ray and its mirror image, of the light `weights` together.
-    pub(super) fn add(&mut self, (x, y): (f64, f64), weights: &[f64]) {
-        let steps = HALF_TURN * self.sizes.rings;
-        let (ring, share) = self.sizes.about((x * x + y * y).sqrt());
-        if ring >= self.sizes.rings {
-            return;
-        }
-        let turn = real::atan2(y.abs(), x) / PI * steps as f64;
-        let azimuth = (turn as usize).min(steps - 1);
-        let part = turn - azimuth as f64;
-        for (ring, share) in [(ring, 1.0 - share), (ring + 1, share)] {
-            if ring >= self.sizes.rings {
-                continue;
-            }
-            let at = (ring * (steps + 1) + azimuth) * self.bands;
-            let (low, high) = self.sums[at..at + 2 * self.bands].split_at_mut(self.bands);
-            for ((low, high), weight) in low.iter_mut().zip(high).zip(weights) {
-                *low += weight * share * (1.0 - part);
-                *high += weight * share * part;
-            }
-        }
-    }
-
-    /// Azimuthal orders of a band: order, ring.
-    pub(super) fn orders(&self, band: usize) -> Vec<f32> {
-        let RingSizes { rings, .. } = self.sizes;
-        let steps = HALF_TURN * rings;
-        let cosines: Vec<f64> = (0..2 * steps).map(|k| real::cos(PI * k as f64 / steps as f64)).collect();
-        let damping = jackson(self.sizes.orders());
-        let mut orders = vec![0.0_f32; damping.len() * rings];
-        for ring in 0..rings {
-            let row = &self.sums[ring * (steps + 1) * self.bands..][..(steps + 1) * self.bands];
-            let lit: Vec<(usize, f64)> = row[band..]
-                .iter()
-                .step_by(self.bands)
-                .copied()
-                .enumerate()
-                .filter(|(_, v)| *v != 0.0)
-                .collect();
-            for (m, g) in damping.iter().enumerate() {
-                let sum: f64 = lit.iter().map(|(k, v)| v * cosines[k * m % (2 * steps)]).sum();
-                orders[m * rings + ring] = (g * sum) as f32;
-            }
-        }
-        orders
     }
 }
 
 #[cfg(test)]
 mod tests {
+    use super::super::options::Reflectance;
+    use super::super::rings::RingPower;
     use super::super::test_lenses::*;
     use super::*;
-    use crate::design::ghost::rings::RingPower;
     use crate::design::prescription::coating::Coating;
+    use crate::real;
 
     fn options(corner_mm: f64, film: f64) -> GhostOptions {
         GhostOptions { corner_mm, rings: 64, film_reflectance: Reflectance(vec![(550.0, film)]) }
@@ -510,13 +183,13 @@ mod tests {
         let last = group.sizes.radius_mm(group.sizes.rings - 1);
         for ring in [0, 20, 63] {
             let mut direct = 0.0;
-            direct_rays(&group, group.fields.rings[ring], 40, |(x, y), weight| {
+            direct_rays(&group, group.fields.rings[ring], 200, |(x, y), weight| {
                 // Shared between the rings about it: the last ring has light from beyond it.
                 let over = (((x * x + y * y).sqrt() - last) / group.sizes.ring_mm).clamp(0.0, 1.0);
                 direct += weight * (1.0 - over);
             });
             let found = band.operator.share(ring);
-            assert!((found / direct - 1.0).abs() < 0.02, "ring {ring}: {found:e} {direct:e}");
+            assert!((found / direct - 1.0).abs() < 6e-3, "ring {ring}: {found:e} {direct:e}");
         }
     }
 
@@ -595,7 +268,7 @@ mod tests {
         let mut system = singlet();
         system.surfaces[2].thickness_mm = 9.0;
         let (l1, power) = difference_from_rays(&system, &options(6.0, 0.1), 400);
-        assert!(l1 < 0.06 && (power - 1.0).abs() < 0.01, "{l1} {power}");
+        assert!(l1 < 0.06 && (power - 1.0).abs() < 1e-3, "{l1} {power}");
     }
 
     /// 55 paths, 230,000 rays each: 30 core seconds.
@@ -607,8 +280,8 @@ mod tests {
                 let sizes = GhostOptions { rings, ..options(24.57, 0.1) };
                 let (l1, power) = difference_from_rays(&double_gauss(coating.clone()), &sizes, 480);
                 println!("{rings} rings: L1 {l1:.4}, power {power:.5}");
-                // 0.968 (64 rings, MgF2) to 0.985 was found: the operator loses 2 to 3 % of the light, the cause is not known.
-                assert!(l1 < 0.06 && (power - 1.0).abs() < 0.04, "{rings} rings: {l1} {power}");
+                // Direct sums over 480² and 700² rays differ by up to 10⁻³ for a single path.
+                assert!(l1 < 0.05 && (power - 1.0).abs() < 1e-3, "{rings} rings: {l1} {power}");
             }
         }
     }

@@ -65,7 +65,7 @@ impl RingSizes {
     }
 
     /// Area that stands for ring `i` in a density, mm².
-    fn area_mm2(&self, i: usize) -> f64 {
+    pub(super) fn area_mm2(&self, i: usize) -> f64 {
         let radius = if i == 0 { CENTRAL } else { i as f64 + 0.5 };
         2.0 * PI * radius * self.ring_mm * self.ring_mm
     }
@@ -153,9 +153,9 @@ pub(super) fn jackson(orders: usize) -> Vec<f64> {
 
 impl RingOperator {
     /// The operator of the columns (order, ring of the film) of each ring of the scene.
-    pub(super) fn of_columns(sizes: RingSizes, columns: &[&[f32]]) -> Self {
+    pub(super) fn of_columns(sizes: RingSizes, columns: &[&[f64]]) -> Self {
         let rows = (sizes.orders() + 1) * sizes.rings;
-        let values = (0..rows).flat_map(|row| columns.iter().map(move |column| column[row])).collect();
+        let values = (0..rows).flat_map(|row| columns.iter().map(move |column| column[row] as f32)).collect();
         Self { sizes, values }
     }
 
@@ -204,8 +204,8 @@ impl RingOperator {
 
 #[cfg(test)]
 mod tests {
+    use super::super::sums::RingSums;
     use super::*;
-    use crate::design::ghost::operator::RingSums;
 
     /// A ghost that turns the image through the axis and blurs it to a disc.
     fn turned(sizes: RingSizes) -> RingOperator {
@@ -220,7 +220,7 @@ mod tests {
             }
             sums.orders(0)
         };
-        let columns: Vec<Vec<f32>> = (0..sizes.source_rings).map(column).collect();
+        let columns: Vec<Vec<f64>> = (0..sizes.source_rings).map(column).collect();
         RingOperator::of_columns(sizes, &columns.iter().map(Vec::as_slice).collect::<Vec<_>>())
     }
 

@@ -1,6 +1,6 @@
-//! Files of the cache: traced bands, the depth nodes of bands, and reduced charts.
+//! Files of the cache: traced bands, the depth nodes and ghosts of bands, and reduced charts.
 
-use super::{EXTENSION, placements, reduced};
+use super::{EXTENSION, operators, placements, reduced};
 use crate::progress::plural;
 use anyhow::{Context, Result};
 use std::path::{Path, PathBuf};
@@ -13,6 +13,8 @@ pub enum Kind {
     Band,
     /// Where the depth nodes of a band lie.
     Nodes,
+    /// The ghosts of a band.
+    Ghosts,
     /// A band of a chart, reduced.
     Reduced,
 }
@@ -45,6 +47,7 @@ pub fn entries(directory: &Path) -> Result<Vec<Entry>> {
         let kinds = [
             (EXTENSION, Kind::Band),
             (placements::EXTENSION, Kind::Nodes),
+            (operators::EXTENSION, Kind::Ghosts),
             (reduced::EXTENSION, Kind::Reduced),
         ];
         let Some((_, kind)) = kinds.into_iter().find(|(extension, _)| ends(extension)) else { continue };
@@ -65,9 +68,10 @@ pub fn described(entries: &[Entry]) -> String {
         n => format!(", {what}{}", plural(n, of)),
     };
     let nodes = also(Kind::Nodes, "depth nodes of ", "band");
+    let ghosts = also(Kind::Ghosts, "ghosts of ", "band");
     let charts = also(Kind::Reduced, "", "reduced chart band");
     format!(
-        "{}{nodes}{charts}, {:.1} MB",
+        "{}{nodes}{ghosts}{charts}, {:.1} MB",
         plural(count(Kind::Band), "traced band"),
         sum(entries) as f64 * 1e-6
     )
