@@ -51,8 +51,9 @@ impl Layer {
     /// ```
     ///
     /// # Panics
-    /// Another number of coefficients, or a margin of fewer than 2 bins.
+    /// Another number of coefficients, bins beyond [`MAX_BIN_PX`], or a margin of fewer than 2 bins.
     pub fn new(grid: BinGrid, taps: Taps, coefficients: Vec<f32>) -> Self {
+        assert!(BinGrid::is_bin(grid.bin_px), "bins of {} px", grid.bin_px);
         assert_eq!(coefficients.len(), grid.size().pixels(), "one coefficient per bin");
         assert!(grid.margin >= REACH, "the pixels of the outermost bins read {REACH} bins beyond");
         Self { grid, weights: taps.of_bin(grid.bin_px), coefficients }

@@ -3,16 +3,16 @@
 //! ```text
 //! film = Σ_node (w_node · remapped) ∗ K_node  +  U G            K = p − T inside the window ([`crate::psf::kernel`]), not scaled to sum 1
 //! G    = Σ_l  up(T_l ∗ L_l)                                     L_0 = Uᵀ remapped,  L_{l+1} = Uᵀ L_l
-//! T_l(r, φ) = Σ_mj c_mj(h) [B_mj(r; R_l) − B_mj(r; R_{l+1})] cos m(φ − φ₀)      R_0 = R, R_l = 2 · 4^l R
+//! T_l(r, φ) = Σ_mj c_mj(h) [B_mj(r; R_l) − B_mj(r; R_{l+1})] cos m(φ − φ₀)      R_0 = R, R_l = g 4^{l−1} R
 //! ```
 //! T, B and c are those of [`crate::lens::tail`], R half a side of the PSF window, φ₀ the azimuth of the field point, r and φ from its chief ray. B has
 //! a smooth part inside its radius, so T_l vanishes beyond R_{l+1} and varies over R_l: level l has bins of b_l = 4^l b film pixels, b the largest power
 //! of two up to R/2.5, at most [`MAX_BIN_PX`] ([`plan`]). The kernels of all levels but the first are the same arrays but for a factor of each power law. What
 //! is left of T after the last level, whose radius exceeds the film's diagonal, is spread evenly. Level 0 has two to three bins in its radius and is interpolated
-//! within 10 % of T there, beside a kernel K that is many times larger; the others have five and are within 2 %.
+//! within 10 % of T there, beside a kernel K that is many times larger; the others have five or a few more (g is the least that gives them) and are within 2 %.
 //!
 //! U: four-tap cubic Lagrange interpolation from the centres of bins, u = (x + ½)/b − ½; Uᵀ, its transpose, puts light into bins so that moments up to
-//! the third are kept. L_0 is computed from samples of the light at half bins ([`light`]). The convolution of a level is that of the PSF stage with the
+//! the third are kept. L_0 is computed from samples of the light at half bins ([`light`]), read from the chart on cells of their size ([`cells`]). The convolution of a level is that of the PSF stage with the
 //! node kernels T_l at [`AZIMUTHS`] azimuths of each height of the table ([`levels`]), by the portable engine in f32: the same bits on every host.
 //! Surroundings of the film that a level's kernels reach are part of its light.
 //!
@@ -21,54 +21,24 @@
 //!
 //! Errors of half planes and discs, of white: see `model.md`, tails. Left out: fringes beyond the window; change of c between nodes other than linear.
 
+mod cells;
 pub mod levels;
 pub mod light;
 pub mod plan;
+mod remapped;
 
+pub use cells::ChartCells;
 pub use plan::TailPlan;
+pub use remapped::TAIL_MARGIN_BINS;
 
 /// Largest bin of level 0, film pixels.
 pub const MAX_BIN_PX: usize = 8;
 /// Ratio of the radii, and of the bins, of two levels.
 const GROWTH: usize = 4;
-/// Radius of level 1 over that of level 0.
-const FIRST_GROWTH: usize = 8;
+/// Bins in the radius of each level but the first, at least.
+const BINS_IN_LEVEL: usize = 5;
 /// Azimuths of the nodes of a height off the axis.
 pub const AZIMUTHS: usize = 32;
 /// Bins around those of the film in the result of a level: two that interpolation to a finer level or to pixels reads, and one for the
 /// difference of their grids.
 const OUT_MARGIN: usize = 3;
-
-/// Bins of one level: `bin` × `bin` film pixels, aligned with film pixel (0, 0), `margin` of them around the film.
-#[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub struct Bins {
-    /// Rows and columns of bins on the film.
-    pub film: (usize, usize),
-    /// Side of a bin, film pixels.
-    pub bin: usize,
-    /// Bins around those of the film.
-    pub margin: usize,
-}
-
-impl Bins {
-    fn new(film: crate::geometry::Size, bin: usize, margin: usize) -> Self {
-        Self { film: (film.height.div_ceil(bin), film.width.div_ceil(bin)), bin, margin }
-    }
-
-    /// Rows and columns, margin included.
-    pub fn size(&self) -> (usize, usize) {
-        (self.film.0 + 2 * self.margin, self.film.1 + 2 * self.margin)
-    }
-
-    /// Number of bins, margin included.
-    pub fn count(&self) -> usize {
-        let (rows, columns) = self.size();
-        rows * columns
-    }
-}
-
-/// Weights of the values −1, 0, 1, 2 at fraction `f` between 0 and 1: the cubic Lagrange polynomial.
-fn lagrange(f: f64) -> [f64; 4] {
-    let (before, after, far) = (f + 1.0, 1.0 - f, 2.0 - f);
-    [-f * after * far / 6.0, before * after * far / 2.0, before * f * far / 2.0, -before * f * after / 6.0]
-}

@@ -2,7 +2,7 @@
 
 use crate::geometry::Size;
 
-/// Largest side of a bin, film pixels.
+/// Largest side of a bin of a layer, film pixels.
 pub const MAX_BIN_PX: usize = 64;
 
 /// Bins of b × b film pixels, aligned with film pixel (0, 0), from `margin` bins before the film to as many behind it. The bins at the far
@@ -21,13 +21,13 @@ impl BinGrid {
     /// Bins of `bin_px` on a film of `film` px with `margin` bins around.
     ///
     /// # Panics
-    /// `bin_px` is no power of two from 2 to [`MAX_BIN_PX`].
+    /// `bin_px` is no power of two from 2 on.
     pub fn new(film: Size, bin_px: usize, margin: usize) -> Self {
-        assert!(Self::is_bin(bin_px), "bins of {bin_px} px");
+        assert!(bin_px.is_power_of_two() && bin_px > 1, "bins of {bin_px} px");
         Self { film, bin_px, margin }
     }
 
-    /// Whether bins may have this side.
+    /// Whether bins of a layer may have this side.
     pub fn is_bin(bin_px: usize) -> bool {
         bin_px.is_power_of_two() && (2..=MAX_BIN_PX).contains(&bin_px)
     }

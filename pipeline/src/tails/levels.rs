@@ -10,9 +10,10 @@
 
 use super::light::{self, Light};
 use super::plan::TailPlan;
-use super::{Bins, GROWTH, OUT_MARGIN, lagrange};
+use super::{GROWTH, OUT_MARGIN};
 use crate::buffer::AlignedBuf;
-use crate::geometry::{Frame, Rect};
+use crate::geometry::{Frame, Rect, Size};
+use crate::layer::{BinGrid, Taps};
 use crate::lens::tail::{Coefficients, ORDERS, TERMS};
 use crate::psf::blocks::Blocks;
 use crate::psf::grid::{Node, NodeGrid};
@@ -32,7 +33,7 @@ struct Harmonics([Vec<[Vec<f64>; 2]>; TERMS]);
 
 impl Harmonics {
     fn new(plan: &TailPlan, level: usize) -> Self {
-        let (half, b) = (plan.half() as i64, plan.bins(level).bin as f64);
+        let (half, b) = (plan.half() as i64, plan.bins(level).bin_px as f64);
         let places: Vec<(f64, f64)> =
             (-half..=half).flat_map(|y| (-half..=half).map(move |x| (b * y as f64, b * x as f64))).collect();
         Self(std::array::from_fn(|j| {
@@ -50,6 +51,13 @@ impl Harmonics {
                     let value = b * b * plan.compact(level, r, m, j);
                     even.push(value * re);
                     odd.push(value * im);
+                }
+                // A harmonic has no light; its sum over square bins has, of m = 4.
+                if m > 0 {
+                    let centre = places.len() / 2;
+                    for all in [&mut even, &mut odd] {
+                        all[centre] -= all.iter().sum::<f64>();
+                    }
                 }
                 [even, odd]
             };
@@ -170,7 +178,8 @@ impl TailEngine<'_> {
     fn convolve(&self, frame: &Frame, level: usize, light: &[f32]) -> Vec<f32> {
         let plan = self.plan;
         let bins = plan.bins(level);
-        let ((rows, columns), half, margin) = (bins.size(), plan.half(), bins.margin as i64);
+        let (Size { height: rows, width: columns }, half, margin) =
+            (bins.size(), plan.half(), bins.margin as i64);
         let grid = plan.grid(level);
         let spectra = LevelSpectra {
             engine: self,
@@ -180,7 +189,7 @@ impl TailEngine<'_> {
             scratch: RefCell::new(self.engine.scratch()),
             made: RefCell::new(vec![None; grid.len()]),
         };
-        let axis = |px: f64| (px + 0.5) / bins.bin as f64 - 0.5;
+        let axis = |px: f64| (px + 0.5) / bins.bin_px as f64 - 0.5;
         let axis = (axis(frame.axis_px.0), axis(frame.axis_px.1));
         let stride = columns + 2 * half;
         let mut sum = vec![0f32; stride * (rows + 2 * half)];
@@ -203,22 +212,22 @@ impl TailEngine<'_> {
         }
         // The first value is `half` bins before the first bin of the grid.
         let first = half + bins.margin - OUT_MARGIN;
-        let (out_rows, out_columns) = out_size(&bins);
+        let Size { height: out_rows, width: out_columns } = out_size(&bins);
         let lines = sum.chunks_exact(stride).skip(first).take(out_rows);
         lines.flat_map(|line| &line[first..first + out_columns]).copied().collect()
     }
 }
 
 /// Rows and columns of a result.
-fn out_size(bins: &Bins) -> (usize, usize) {
-    (bins.film.0 + 2 * OUT_MARGIN, bins.film.1 + 2 * OUT_MARGIN)
+fn out_size(bins: &BinGrid) -> Size {
+    BinGrid { margin: OUT_MARGIN, ..*bins }.size()
 }
 
 /// The light of `coarse` bins: from the `fine` ones of which [`GROWTH`] make a side, where all that a bin reads are there, else directly.
-fn coarser(light: &dyn Light, (fine, values): (&Bins, &[f32]), coarse: &Bins) -> Vec<f32> {
+fn coarser(light: &dyn Light, (fine, values): (&BinGrid, &[f32]), coarse: &BinGrid) -> Vec<f32> {
     let taps = coarse_taps();
-    let (rows, columns) = coarse.size();
-    let (fine_rows, fine_columns) = fine.size();
+    let Size { height: rows, width: columns } = coarse.size();
+    let Size { height: fine_rows, width: fine_columns } = fine.size();
     // First fine bin that a coarse one reads, if it reads only bins that there are.
     let first = |index: usize, count: usize| -> Option<usize> {
         let bin = index as i64 - coarse.margin as i64;
@@ -236,7 +245,7 @@ fn coarser(light: &dyn Light, (fine, values): (&Bins, &[f32]), coarse: &Bins) ->
             }
         }
     }
-    let mut out = Vec::with_capacity(coarse.count());
+    let mut out = Vec::with_capacity(coarse.size().pixels());
     for row in 0..rows {
         let from = first(row, fine_rows);
         for (column, line) in lines.iter().enumerate() {
@@ -263,19 +272,20 @@ fn coarse_taps() -> [f64; COARSE_TAPS] {
         let u = ((COARSE_FIRST + i as i64) as f64 + 0.5) / GROWTH as f64 - 0.5;
         let cell = u.floor();
         let tap = usize::try_from(1 - cell as i64).ok();
-        tap.and_then(|tap| lagrange(u - cell).get(tap).copied()).unwrap_or(0.0) / GROWTH as f64
+        tap.and_then(|tap| Taps::Lagrange.weights(u - cell).get(tap).copied()).unwrap_or(0.0) / GROWTH as f64
     })
 }
 
 /// `finer` + U `coarse`, results on their grids.
-fn add_interpolated(coarse_bins: &Bins, coarse: &[f32], fine_bins: &Bins, finer: Vec<f32>) -> Vec<f32> {
-    let ((_, coarse_columns), (rows, columns)) = (out_size(coarse_bins), out_size(fine_bins));
+fn add_interpolated(coarse_bins: &BinGrid, coarse: &[f32], fine_bins: &BinGrid, finer: Vec<f32>) -> Vec<f32> {
+    let coarse_columns = out_size(coarse_bins).width;
+    let Size { height: rows, width: columns } = out_size(fine_bins);
     // First of the four coarse values of a fine bin, and their weights.
     let at = |index: usize| {
         let bin = index as f64 - OUT_MARGIN as f64;
         let u = (bin + 0.5) / GROWTH as f64 - 0.5;
         let cell = u.floor();
-        ((cell as i64 - 1 + OUT_MARGIN as i64) as usize, lagrange(u - cell))
+        ((cell as i64 - 1 + OUT_MARGIN as i64) as usize, Taps::Lagrange.weights(u - cell))
     };
     let across: Vec<(usize, [f64; 4])> = (0..columns).map(at).collect();
     let mut out = finer;
@@ -293,8 +303,8 @@ fn add_interpolated(coarse_bins: &Bins, coarse: &[f32], fine_bins: &Bins, finer:
 }
 
 /// A result with a smaller margin.
-fn cropped(bins: &Bins, values: &[f32], margin: usize) -> Vec<f32> {
-    let ((rows, columns), off) = (out_size(bins), OUT_MARGIN - margin);
+fn cropped(bins: &BinGrid, values: &[f32], margin: usize) -> Vec<f32> {
+    let (Size { height: rows, width: columns }, off) = (out_size(bins), OUT_MARGIN - margin);
     let lines = values.chunks_exact(columns).skip(off).take(rows - 2 * off);
     lines.flat_map(|line| &line[off..columns - off]).copied().collect()
 }

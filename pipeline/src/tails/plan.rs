@@ -1,7 +1,8 @@
 //! The levels of a band's tails, and the light that is left for its kernels.
 
-use super::{AZIMUTHS, Bins, FIRST_GROWTH, GROWTH, MAX_BIN_PX, OUT_MARGIN};
+use super::{AZIMUTHS, BINS_IN_LEVEL, GROWTH, MAX_BIN_PX, OUT_MARGIN};
 use crate::geometry::{Frame, Size};
+use crate::layer::BinGrid;
 use crate::lens::LensBand;
 use crate::lens::PsfStack;
 use crate::lens::tail::{BandTail, Coefficients, TERMS, radial};
@@ -18,7 +19,8 @@ const MIN_BIN_PX: usize = 2;
 /// The tails of a band on a film.
 #[derive(Clone, Debug)]
 pub struct TailPlan {
-    /// Coefficients by height, lengths in film pixels.
+    /// Coefficients by height, lengths in film pixels: at the heights of the kernels, so that both shares of the light are linear between the same
+    /// heights.
     pub(super) coefficients: Vec<Coefficients>,
     /// Heights of the coefficients, mm.
     pub(super) height_mm: Vec<f64>,
@@ -26,6 +28,8 @@ pub struct TailPlan {
     pub(super) inner_px: f64,
     /// Bin of level 0, film pixels.
     pub(super) bin_px: usize,
+    /// Radius of level 1 over that of level 0.
+    first_growth: usize,
     /// Number of levels.
     pub(super) levels: usize,
     film: Size,
@@ -40,15 +44,17 @@ impl TailPlan {
         let inner_px = tail.inner_mm / pitch_mm;
         let bin_px = Self::bin_px_of(inner_px)?;
         let diagonal = crate::real::hypot(frame.film.height as f64, frame.film.width as f64);
+        let first_growth = ((BINS_IN_LEVEL * GROWTH * bin_px) as f64 / inner_px).ceil().max(2.0) as usize;
         let mut levels = 1;
-        while inner_px * (FIRST_GROWTH * GROWTH.pow(levels as u32 - 1)) as f64 <= diagonal {
+        while inner_px * (first_growth * GROWTH.pow(levels as u32 - 1)) as f64 <= diagonal {
             levels += 1;
         }
         Some(Self {
-            coefficients: tail.coefficients.iter().map(|c| in_pixels(c, pitch_mm)).collect(),
-            height_mm: tail.height_mm.clone(),
+            coefficients: band.psf_height_mm.iter().map(|h| in_pixels(&tail.at(*h), pitch_mm)).collect(),
+            height_mm: band.psf_height_mm.clone(),
             inner_px,
             bin_px,
+            first_growth,
             levels,
             film: frame.film,
             pitch_mm,
@@ -75,12 +81,12 @@ impl TailPlan {
     /// Half a side of the kernels of a level, bins.
     pub(super) fn half(&self) -> usize {
         // T_l is 0 from R_{l+1} on, as many bins of each level.
-        (FIRST_GROWTH as f64 * self.inner_px / self.bin_px as f64).ceil() as usize - 1
+        (self.first_growth as f64 * self.inner_px / self.bin_px as f64).ceil() as usize - 1
     }
 
     /// Bins of the light of level `level`.
-    pub(super) fn bins(&self, level: usize) -> Bins {
-        Bins::new(self.film, self.bin_px * GROWTH.pow(level as u32), self.half() + OUT_MARGIN)
+    pub(super) fn bins(&self, level: usize) -> BinGrid {
+        BinGrid::new(self.film, self.bin_px * GROWTH.pow(level as u32), self.half() + OUT_MARGIN)
     }
 
     /// Heights of the nodes of `level`, as indices of the table: all of level 0, every other one and the last of the others.
@@ -93,7 +99,7 @@ impl TailPlan {
     pub(super) fn grid(&self, level: usize) -> NodeGrid {
         let heights: Vec<f64> = self.heights(level).iter().map(|k| self.height_mm[*k]).collect();
         let azimuths: Vec<usize> = (0..heights.len()).map(|k| if k == 0 { 1 } else { AZIMUTHS }).collect();
-        NodeGrid::new(&heights, &azimuths, self.pitch_mm * self.bins(level).bin as f64)
+        NodeGrid::new(&heights, &azimuths, self.pitch_mm * self.bins(level).bin_px as f64)
     }
 
     /// Factor of the power law `j` of level `level` over that of the last level with kernels of its own, 0 or 1.
@@ -104,7 +110,7 @@ impl TailPlan {
 
     /// Sums over the bins of level `level`, 0 or 1, of b² [B_0j(r; R_l) − B_0j(r; R_{l+1})].
     fn sums(&self, level: usize) -> [f64; TERMS] {
-        let (half, b) = (self.half() as i64, self.bins(level).bin as f64);
+        let (half, b) = (self.half() as i64, self.bins(level).bin_px as f64);
         std::array::from_fn(|j| {
             let places = (-half..=half).flat_map(|y| (-half..=half).map(move |x| (y, x)));
             places
@@ -118,7 +124,7 @@ impl TailPlan {
 
     /// B_mj(r; R_l) − B_mj(r; R_{l+1}) of level `level`, 0 or 1, at `r` film pixels.
     pub(super) fn compact(&self, level: usize, r: f64, m: usize, j: usize) -> f64 {
-        let first = FIRST_GROWTH as f64 * self.inner_px;
+        let first = self.first_growth as f64 * self.inner_px;
         let (inner, outer) = if level == 0 { (self.inner_px, first) } else { (first, GROWTH as f64 * first) };
         if r >= outer {
             return 0.0;
@@ -165,15 +171,15 @@ impl TailPlan {
         let nodes = |level: usize| self.grid(level).len();
         let spectra = self.blocks().spectrum_bytes() * nodes(0).max(3 * nodes(1));
         // Light, and sums over blocks, which are larger by a window.
-        let light = self.bins(0).count();
+        let light = self.bins(0).size().pixels();
         let ends = 2 * self.half();
-        let (rows, columns) = self.bins(0).size();
-        4 * (2 * light + (rows + ends) * (columns + ends)) + spectra
+        let size = self.bins(0).size();
+        4 * (2 * light + (size.height + ends) * (size.width + ends)) + spectra
     }
 
     /// Core seconds of the layer, about, without the reading of the light: 25 ns a sample of the light and 60 a bin of level 0.
     pub fn making_s(&self) -> f64 {
-        1e-9 * self.bins(0).count() as f64 * (4.0 * 25.0 + 60.0)
+        1e-9 * self.bins(0).size().pixels() as f64 * (4.0 * 25.0 + 60.0)
     }
 
     /// Share of the light beyond the last level, on the axis.

@@ -29,11 +29,11 @@ fn band(inner_px: f64) -> LensBand {
         ideal_height_mm: height_mm.clone(),
         image_height_mm: height_mm.clone(),
         relative_illumination: vec![1.0; 13],
-        psf_height_mm: vec![0.0, 3.0],
-        azimuth_count: vec![1, 8],
+        psf_height_mm: height_mm.clone(),
+        azimuth_count: [1].into_iter().chain([8; 12]).collect(),
         psf_size: 41,
         psf_pitch_um: 2.0,
-        psf_energy: vec![0.99; 2],
+        psf_energy: vec![0.99; 13],
         solid_angle_sr: 0.1,
         transmission: 1.0,
         tail: Some(tail),
@@ -47,18 +47,15 @@ impl<F: Fn(f64, f64) -> f64 + Sync> Light for Exact<F> {
     fn at(&self, y: f64, x: f64) -> f64 {
         (self.0)(y, x)
     }
-    fn spread(&self) -> (f64, f64) {
-        (0.0, 0.0)
-    }
 }
 
 /// The layer at film pixel (y, x), from its values on bins with a margin of 2.
 fn at_pixel(plan: &TailPlan, values: &[f32], (y, x): (i64, i64)) -> f64 {
     let bins = plan.bins(0);
-    let columns = bins.film.1 + 4;
+    let columns = bins.bins().width + 4;
     let along = |pixel: i64| {
-        let u = (pixel as f64 + 0.5) / bins.bin as f64 - 0.5;
-        ((u.floor() as i64 + 1) as usize, lagrange(u - u.floor()))
+        let u = (pixel as f64 + 0.5) / bins.bin_px as f64 - 0.5;
+        ((u.floor() as i64 + 1) as usize, Taps::Lagrange.weights(u - u.floor()))
     };
     let ((top, wy), (left, wx)) = (along(y), along(x));
     (0..4)
@@ -151,4 +148,19 @@ fn uniform_light_gets_back_what_near_kernels_leave() {
     }
     assert!(TailPlan::new(&frame, &band(4.9)).is_none());
     assert!(TailPlan::new(&frame, &LensBand { tail: None, ..band(20.0) }).is_none());
+}
+
+#[test]
+fn harmonics_of_the_azimuth_have_no_light_on_bins() {
+    let film = Size::new(400, 300);
+    let plan = TailPlan::new(&Frame::centred(film, film, PITCH_UM), &band(20.5)).unwrap();
+    for level in [0, 1] {
+        for terms in Harmonics::new(&plan, level).0 {
+            for (m, [even, odd]) in terms.iter().enumerate() {
+                let light = even.iter().map(|v| v.abs()).sum::<f64>();
+                let sums = [even, odd].map(|all| all.iter().sum::<f64>().abs() / light);
+                assert!(sums[1] < 1e-13 && (sums[0] < 1e-13) == (m > 0), "level {level}, m = {m}: {sums:?}");
+            }
+        }
+    }
 }
