@@ -21,7 +21,7 @@ use crate::lens::tail::{BandTail, Coefficients, ORDERS, TERMS};
 const REACH: f64 = 3.0;
 const MAX_HALF: usize = 768;
 /// Half a window over the edge rays' blur, at least.
-const CLEAR: f64 = 1.3;
+pub(in crate::design) const CLEAR: f64 = 1.3;
 /// Rings of the fit.
 const RINGS: usize = 24;
 /// ∫ beyond a square of half a side 1 of r⁻³, r⁻⁵, and of both times cos 4φ: 4√2, 10√2/9, 4√2/15 and 8/3 ∫₀^{π/4} cos³φ cos 4φ dφ.
@@ -35,6 +35,11 @@ pub struct NoTail {
     pub blur_um: f64,
     /// Half a side of the window, µm.
     pub half_um: f64,
+}
+
+/// Largest distance from the chief ray of the rays at the edge of the pupil at `heights` (those that `pupils` were made with), µm.
+pub(in crate::design) fn blur_um(pupils: &Pupils<'_>, heights: &[f64], surfaces: usize) -> f64 {
+    heights.iter().fold(0.0, |largest: f64, h| largest.max(pupils.at(*h).edge(surfaces).blur_um))
 }
 
 /// The tails at `heights` (those that `pupils` were made with) beyond windows of `window` samples of `pitch_um`.

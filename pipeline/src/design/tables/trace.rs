@@ -17,13 +17,14 @@ use super::kernels::Kernels;
 pub use super::options::{Azimuths, MAX_NODES, PsfHeights, TraceOptions};
 pub use super::refine::NodeError;
 pub use super::shared_nodes::{SharedNodes, node_wavelengths};
-use super::window::{Windows, core_samples, half_samples, window};
+pub use super::window::LEAST_TAIL_WINDOW_PX;
+use super::window::{Windows, core_samples, for_tails, half_samples, window};
 use crate::bounds::TRANSMISSION;
 use crate::design::prescription::error::DesignError;
 use crate::design::prescription::system::System;
 use crate::design::psf::pupil_stack::{PupilStack, normalise};
 pub use crate::design::psf::tails::NoTail;
-use crate::design::psf::tails::band_tail;
+use crate::design::psf::tails::{band_tail, blur_um};
 use crate::design::psf::{PsfGrid, PsfScratch, PupilFunction};
 use crate::design::pupil::illumination::{irradiance_sr, irradiance_table};
 use crate::design::pupil::pupils::Pupils;
@@ -103,6 +104,8 @@ pub(super) struct Sampled<'t> {
     /// Window and samples of the PSFs, and those for the choice of nodes.
     window_px: usize,
     grid: PsfGrid,
+    /// Samples along a side of windows without tails, which the budget of nodes is for: nodes are the same with tails.
+    budget_side: usize,
     pub(super) core_px: usize,
     pub(super) core: PsfGrid,
 }
@@ -132,7 +135,7 @@ impl<'a> LensTrace<'a> {
         Ok(Self { system, options, primary, tails: false, band: None })
     }
 
-    /// With the tails of PSFs beyond their windows, if `tails`: nodes, windows and PSFs are the same.
+    /// With the tails of PSFs beyond their windows, if `tails`: nodes are the same, windows those of before or larger.
     #[must_use]
     pub fn with_tails(self, tails: bool) -> Self {
         Self { tails, ..self }
@@ -287,15 +290,23 @@ impl<'a> LensTrace<'a> {
         let heights: Vec<f64> = (0..=12).map(|i| last_mm * f64::from(i) / 12.0).collect();
         let pupils = Pupils::new(tracer, &heights)?;
         let pitch_um = self.pitch(heights.iter().map(|h| pupils.at(*h)))?;
-        let Windows { px: window_px, core_px } = match options.window_px {
+        let Windows { px: plain_px, core_px } = match options.window_px {
             Some(px) => Windows { px, core_px: px },
             None => window(options, tracer, (&heights, &pupils), pitch_um)?,
+        };
+        let window_px = match self.tails && self.band.is_none() && options.window_px.is_none() {
+            true => {
+                let blur_um = blur_um(&pupils, &heights, tracer.surfaces());
+                for_tails(options, plain_px, blur_um, pitch_um)
+            }
+            false => plain_px,
         };
         report("window", if options.window_px.is_some() { 0 } else { heights.len() });
         let grid = PsfGrid::new(half_samples(window_px, options.film_pitch_um, pitch_um), pitch_um);
         let (core_half, core_pitch_um) = core_samples(core_px, options.film_pitch_um, pitch_um);
         let core = PsfGrid::new(core_half, core_pitch_um);
-        Ok(Sampled { pupils, last_mm, first: heights, window_px, grid, core_px, core })
+        let budget_side = 2 * half_samples(plain_px, options.film_pitch_um, pitch_um) + 1;
+        Ok(Sampled { pupils, last_mm, first: heights, window_px, grid, budget_side, core_px, core })
     }
 
     /// Chooses nodes at the wavelength of `sampled`.
@@ -304,9 +315,9 @@ impl<'a> LensTrace<'a> {
         sampled: &mut Sampled<'_>,
         report: &mut dyn FnMut(&'static str, usize),
     ) -> Result<Chosen, DesignError> {
-        let Sampled { pupils, last_mm, grid, core_px, core, .. } = sampled;
+        let Sampled { pupils, last_mm, budget_side, core_px, core, .. } = sampled;
         let mut kernels = Kernels::new(core, *core_px, self.options.film_pitch_um);
-        grid::choose(&mut kernels, pupils, self.options, (*last_mm, grid.size()), report)
+        grid::choose(&mut kernels, pupils, self.options, (*last_mm, *budget_side), report)
     }
 
     /// The nodes `other` of a similar band if their error is about the same here ([`grid::adopt`]), else none.

@@ -3,6 +3,7 @@
 //!
 //! Limits: the maximum window; and the samples that the budget of the band allows ([`super::refine`]), as long as the share of the light
 //! does not fall below 95 % (or the request) by that. A window of the maximum size that contains less is an error.
+//! With tails ([`crate::lens::tail`]) windows are larger where the rays at the edge of the pupil come near their border, and on large pixels ([`for_tails`]).
 //! Nodes are chosen by the errors of kernels in a smaller window, of 95 % of the light: it needs a fifth of the samples where diffraction
 //! determines the windows, and the light that it leaves out has errors of the same relative size.
 //! The shares are sums of PSFs sampled 1.5 times coarser than those of the pack, still finer than the field's own Nyquist pitch, so the
@@ -13,6 +14,7 @@ use rayon::prelude::*;
 use super::options::TraceOptions;
 use super::refine::max_side;
 use crate::design::prescription::error::DesignError;
+use crate::design::psf::tails::CLEAR;
 use crate::design::psf::{PsfGrid, PsfScratch};
 use crate::design::pupil::bundle::Bundle;
 use crate::design::pupil::pupils::Pupils;
@@ -38,6 +40,13 @@ const FIRST_UM: f64 = 130.0;
 const SPARE_UM: f64 = 16.0;
 /// Pixels up to which the window that is examined first is in pixels, µm.
 const FINE_UM: f64 = 2.0;
+
+/// Least windows of bands with tails, film pixels: bins have 4 px on films of pixels up to a step of pitch larger; on large pixels, of which films
+/// have few, 2 px.
+pub const LEAST_TAIL_WINDOW_PX: usize = 27;
+const LEAST_COARSE_PX: usize = 15;
+/// Windows below which pixels are large.
+const COARSE_PX: usize = 11;
 
 /// Windows of a band, odd numbers of film pixels.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -129,6 +138,20 @@ pub(super) fn expected<'b>(
     let budget = odd_pixels(max_side(options), pitch_um, film).min(max);
     let px = guess(options.energy).min(guess(options.energy.min(1.0 - MAX_LEFT_OUT)).max(budget));
     Windows { px, core_px: guess(options.energy.min(CORE_LIGHT)).min(px) }
+}
+
+/// The window of a band with tails for one of `px` film pixels that holds the light requested: at least so large that the rays at the edge of the pupil, which
+/// land up to `blur_um` from the chief ray, are clear of its border, and that the coarse grid of its tails fits; `px` where that is beyond the
+/// limits.
+pub(super) fn for_tails(options: &TraceOptions, px: usize, blur_um: f64, pitch_um: f64) -> usize {
+    let film = options.film_pitch_um;
+    // Half a window of `CLEAR` blurs is a whole number of samples.
+    let clear = 2 * ((CLEAR * blur_um + pitch_um) / film).ceil() as usize + 1;
+    let least = if px < COARSE_PX { LEAST_COARSE_PX } else { LEAST_TAIL_WINDOW_PX };
+    let wanted = px.max(clear).max(least);
+    // Four times the samples at most: on pixels of 50 µm, with windows of 3 px, tracing would take seven times as long.
+    let limit = odd_pixels(max_side(options), pitch_um, film).min(options.max_window_px).min(2 * px);
+    if wanted <= limit { wanted } else { px }
 }
 
 /// Samples to either side of the centre in a window of `px` film pixels.
