@@ -61,7 +61,7 @@ class Round:
         if rng.random() < 0.4:
             self.flags += ["--center", f"{rng.uniform(-2, 2):.3f},{rng.uniform(-2, 2):.3f}"]
         if rng.random() < 0.3:
-            self.flags += ["--psf-window", str(rng.choice([3, 11, 31]))]
+            self.flags += ["--psf-window", str(rng.choice([3, 11, 31])), "--tails", "off"]
         if rng.random() < 0.2:
             self.flags += ["--interp", "bilinear"]
 

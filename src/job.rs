@@ -35,6 +35,7 @@ mod resources;
 mod scatter;
 pub mod stages;
 pub mod stretch;
+mod tails;
 mod veil;
 
 pub use arguments::default_options;
@@ -43,6 +44,7 @@ pub use identity::{Contents, contents};
 pub use inputs::chosen_bands;
 pub use keys::{DIGEST, MTIMES, argument};
 pub use numeric_version::numeric_version;
+pub use tails::tail_bins_px;
 
 use crate::args::engine::Engine;
 use crate::args::{Device, RunArgs};
@@ -65,6 +67,7 @@ use pipeline::tiling::FilmRegion;
 use reduced::ReducedCharts;
 use serde_json::{Map, Value};
 use stretch::RemapStretch;
+use tails::JobTail;
 use veil::JobVeil;
 
 /// A job, ready to run. A *position* is the index of a band among those that this process computes.
@@ -153,6 +156,8 @@ pub struct UntracedJob<'a> {
     arguments: Arguments<'a>,
     inputs: Inputs,
     lens: UntracedLens,
+    /// Whether the film has the tails of PSFs, of bands that have any.
+    has_tails: bool,
     layers: Vec<Box<dyn JobLayer>>,
     /// Layout of the film.
     pub film: FilmSpec,
@@ -177,7 +182,8 @@ impl<'a> UntracedJob<'a> {
         let layers: Vec<Box<dyn JobLayer>> = veil.into_iter().map(|veil| Box::new(veil) as _).collect();
         let film = film::film_spec(&arguments, &inputs.frame, inputs.selected_nm.clone(), &inputs, &layers)?;
         light::check_pitch(args, &lens)?;
-        Ok(Self { args, planned, arguments, inputs, lens, layers, film })
+        let has_tails = tails::has_tails(args, inputs.depth.is_some(), &lens)?;
+        Ok(Self { args, planned, arguments, inputs, lens, has_tails, layers, film })
     }
 
     /// Film pitch, µm.
@@ -206,7 +212,14 @@ impl<'a> UntracedJob<'a> {
         let text = |key: &str| recorded.get(key).and_then(Value::as_str).unwrap_or_default();
         let lens = (text("lens_name"), text("lens_digest"));
         let stages = self.arguments.options.stages;
-        let mut map = identity::identity(self.args, stages, &self.inputs, self.film.keep_bits, lens, false)?;
+        let mut map = identity::identity(
+            self.args,
+            stages,
+            &self.inputs,
+            (self.film.keep_bits, self.has_tails),
+            lens,
+            false,
+        )?;
         if self.arguments.check_input {
             map.remove(MTIMES);
             map.extend(recorded.get(DIGEST).map(|digest| (DIGEST.to_owned(), digest.clone())));
@@ -219,8 +232,17 @@ impl<'a> UntracedJob<'a> {
     /// # Errors
     /// Every other error of the run that can be found before its first pixel.
     pub fn traced(self) -> Result<Job> {
-        let Self { args, planned, mut arguments, mut inputs, lens, layers, film } = self;
+        let Self { args, planned, mut arguments, mut inputs, lens, has_tails, mut layers, film } = self;
         let mut plan = JobPlan::new(&arguments, &inputs, lens, film)?;
+        if has_tails {
+            plan.add_tails(&inputs, &arguments.options);
+        }
+        let tail_bins_px = planned.map_or(&[][..], |planned| planned.tail_bins_px);
+        if let Some(tail) = JobTail::new(&plan, &inputs, tail_bins_px, arguments.threads) {
+            // Added before the veil.
+            plan.film.layers.insert(0, tail.stored().clone());
+            layers.insert(0, Box::new(tail));
+        }
         light::check(args, &plan.bands)?;
         let stretch = RemapStretch::new(&inputs.frame, &plan.bands, &arguments.options);
         let chart_bands = inputs.chart_bands();
@@ -242,7 +264,7 @@ impl<'a> UntracedJob<'a> {
             args,
             arguments.options.stages,
             &inputs,
-            plan.film.keep_bits,
+            (plan.film.keep_bits, has_tails),
             lens,
             arguments.check_input,
         )?;
@@ -251,6 +273,7 @@ impl<'a> UntracedJob<'a> {
             false => ReducedCharts::new(&inputs.chart, inputs.depth.as_ref(), args.nan)?,
         };
         let mut notes = notes::notes(args, &inputs.chart, &plan)?;
+        notes.extend(tails::note(args, &plan, inputs.depth.is_some()));
         let coverage = Coverage::new(args, &inputs, &plan);
         notes.extend(coverage.note(args));
         notes.append(&mut inputs.depth_notes);

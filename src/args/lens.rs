@@ -313,8 +313,8 @@ pub struct TraceArgs {
     /// Maximum PSF window, an odd number of film pixels [default: 401; 639 with --depths-m]
     #[arg(long, value_name = "N", value_parser = |text: &str| window_px(text, TraceOptions::WIDEST_PX))]
     pub max_window_px: Option<usize>,
-    /// Whether the pack has the light of PSFs beyond their windows (its attribute `extras` then lists `tail`)
-    #[arg(long, value_parser = one_of(SWITCH), action = ArgAction::Set, default_value = "off")]
+    /// Whether the pack has the light of PSFs beyond their windows (its attribute `extras` then lists `tail`); windows are larger where it needs them
+    #[arg(long, value_parser = one_of(SWITCH), action = ArgAction::Set, default_value = "on")]
     pub tails: bool,
     /// Maximum error of a kernel between nodes, L1 at film pixels
     #[arg(long, value_parser = positive, default_value = "0.01")]

@@ -1,9 +1,9 @@
 //! How a design is traced for a film: flags of a job, as `lens trace` has them.
 
-use super::choices::{AIMING, one_of};
+use super::choices::{AIMING, SWITCH, one_of};
 use super::design::{CoatingsArg, DesignArgs, Gap, ImagePlaneArg, configuration};
 use super::values::{bounded, share, window_px};
-use clap::Args;
+use clap::{ArgAction, Args};
 use pipeline::bounds::BAND_WIDTH_NM;
 use pipeline::design::system::RayAiming;
 use pipeline::psf::blocks::Blocks;
@@ -14,7 +14,7 @@ use std::path::PathBuf;
 const MAX_BAND_SAMPLES: usize = 16;
 
 /// How a design is traced. Without flags as by default; they belong to the lens of a film.
-#[derive(Clone, Debug, Default, PartialEq, Args)]
+#[derive(Clone, Debug, PartialEq, Args)]
 #[command(next_help_heading = "Designs")]
 pub struct TracingArgs {
     /// Position of the film
@@ -43,6 +43,25 @@ pub struct TracingArgs {
     /// neighbours, or have the width in nm [default: 1, a band is one wavelength]
     #[arg(long, value_name = "N[,width=NM]", value_parser = BandSamplesArg::parse)]
     pub band_samples: Option<BandSamplesArg>,
+    /// Light of PSFs beyond their windows, of a design or of a lens pack that has it: on the film, or scaled into the windows (off)
+    #[arg(long, value_parser = one_of(SWITCH), action = ArgAction::Set, default_value = "on")]
+    pub tails: bool,
+}
+
+impl Default for TracingArgs {
+    fn default() -> Self {
+        Self {
+            image_plane: ImagePlaneArg::default(),
+            aiming: None,
+            configuration: None,
+            glass_catalog: Vec::new(),
+            coatings: CoatingsArg::default(),
+            energy: None,
+            max_window_px: None,
+            band_samples: None,
+            tails: true,
+        }
+    }
 }
 
 /// `--band-samples`.
@@ -92,7 +111,7 @@ impl TracingArgs {
         }
     }
 
-    /// The flags of this group.
+    /// The flags of this group that are for designs only.
     pub const FLAGS: [&str; 8] = [
         "--image-plane",
         "--aiming",
@@ -120,6 +139,7 @@ impl TracingArgs {
             energy,
             max_window_px,
             band_samples: _,
+            tails: _,
         } = self;
         let is_given = [
             *image_plane != ImagePlaneArg::default(),

@@ -7,7 +7,7 @@ mod camera;
 mod depth;
 mod directory;
 
-use crate::args::{DemoArgs, DesignArgs, ProcessArgs, ProgressArg, RunArgs, check_directory};
+use crate::args::{DemoArgs, DesignArgs, ProcessArgs, ProgressArg, RunArgs, TracingArgs, check_directory};
 use crate::commands::chart::write;
 use crate::commands::run;
 use crate::failure::usage;
@@ -105,7 +105,9 @@ fn text(path: &Path) -> String {
 
 /// Makes the film of `chart` by the lens of the demo, complete or `regions` of it; the exit code.
 fn film(chart: &str, film: &Path, regions: &[Rect], threads: usize) -> Result<u8> {
-    let job = RunArgs { lens: LENS.into(), roi: regions.to_vec(), ..request(chart, film, threads) };
+    // Tails need the whole chart of 31 × 200 Mpx before the first region.
+    let tracing = TracingArgs { tails: false, ..TracingArgs::default() };
+    let job = RunArgs { lens: LENS.into(), roi: regions.to_vec(), tracing, ..request(chart, film, threads) };
     run::run_job(&job, None, ProgressArg::Auto)
 }
 

@@ -14,7 +14,7 @@ use crate::args::{DepthArgs, Device, EngineArg, NO_HIDDEN, PlanArgs, RunArgs, Tr
 use crate::failure::usage;
 use crate::film;
 use crate::job::film_engine;
-use crate::job::{Job, PlannedBands, UntracedJob, cost};
+use crate::job::{Job, PlannedBands, UntracedJob, cost, tail_bins_px};
 use crate::open::is_builtin;
 use crate::progress::{log_line, plural, print};
 use anyhow::Result;
@@ -86,6 +86,7 @@ fn make(job: &Job, run: &RunArgs, command: CommandLine, args: &PlanArgs) -> Resu
         job: provenance.get("job").and_then(Value::as_object).cloned().unwrap_or_default(),
         layout: film::layout(&job.film),
         lens_bands: job.plans.iter().map(|p| job.lens.band_digest(p.lens_bands)).collect::<Result<_, _>>()?,
+        tail_bins_px: tail_bins_px(&job.film),
         wavelengths_nm: job.film.wavelengths_nm.clone(),
         outputs: cut::outputs(job),
         totals: cut::totals(&units),
@@ -194,6 +195,7 @@ impl Plan {
     /// What a process that computes `bands` needs from the plan.
     pub fn planned_bands<'a>(&'a self, bands: &'a [usize]) -> PlannedBands<'a> {
         let lens_digest = self.job.get("lens_digest").and_then(Value::as_str).unwrap_or_default();
-        PlannedBands { bands, lens_bands: &self.lens_bands, lens_digest }
+        let (lens_bands, tail_bins_px) = (&self.lens_bands, &self.tail_bins_px);
+        PlannedBands { bands, lens_bands, tail_bins_px, lens_digest }
     }
 }

@@ -8,7 +8,7 @@ use crate::job::lens::{JobLens, TracedFor, UntracedLens};
 use anyhow::Result;
 use formats::film::FilmSpec;
 use formats::lens::LensPackError;
-use pipeline::band::BandPlan;
+use pipeline::band::{BandPlan, Options};
 use pipeline::tiling::FilmRegion;
 
 /// The planned bands of a job, and its film.
@@ -59,6 +59,13 @@ impl JobPlan {
         let regions = regions(&film);
         Ok(Self { lens, bands, gains, film, regions })
     }
+
+    /// Puts the tails of PSFs on the film, of the bands that have any.
+    pub fn add_tails(&mut self, inputs: &Inputs, options: &Options) {
+        self.bands.iter_mut().for_each(|band| {
+            band.add_tail(&inputs.frame, options);
+        });
+    }
 }
 
 /// What a process needs from a plan to do some of its bands.
@@ -68,6 +75,8 @@ pub struct PlannedBands<'a> {
     pub bands: &'a [usize],
     /// [`JobLens::band_digest`] of every band of the film.
     pub lens_bands: &'a [String],
+    /// Bins of the layer of tails by band of the film, film pixels; empty without one.
+    pub tail_bins_px: &'a [usize],
     /// Digest of the complete lens.
     pub lens_digest: &'a str,
 }

@@ -24,7 +24,7 @@ pub fn identity(
     args: &RunArgs,
     stages: Stages,
     inputs: &Inputs,
-    keep_bits: Option<u32>,
+    (keep_bits, has_tails): (Option<u32>, bool),
     (lens_name, lens_digest): (&str, &str),
     check_input: bool,
 ) -> Result<Map<String, Value>> {
@@ -56,6 +56,10 @@ pub fn identity(
     };
     if let Some(surfaces) = surfaces {
         map.insert("depth".into(), surfaces);
+    }
+    // Absent without tails: the identity is then that of programs without them.
+    if has_tails {
+        map.insert("tails".into(), true.into());
     }
     map.extend(veil::identity(args, frame));
     map.extend(inputs.scatter.iter().map(|scatter| ("scatter".to_owned(), scatter.identity())));

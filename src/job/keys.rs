@@ -13,6 +13,8 @@ pub fn argument(key: &str) -> String {
         DIGEST => "content of the chart".into(),
         "chart_bands" => "--bands".into(),
         "lens_name" | "lens_digest" => format!("--lens ({})", key.trim_start_matches("lens_")),
+        // A film of a version without tails has none.
+        "tails" => "--tails (a film without tails: --tails off)".into(),
         "rois" => "--roi".into(),
         "axis_px" => "--axis".into(),
         "center_mm" => "--center".into(),

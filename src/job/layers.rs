@@ -50,6 +50,8 @@ pub struct LayerInputs<'a> {
     pub options: &'a Options,
     /// Film value per chart value on the axis.
     pub gain: f64,
+    /// Share of the light of the image that all layers leave in the image.
+    pub remaining: f64,
     /// Threads that read the chart.
     pub threads: usize,
     /// Stops the computation.

@@ -60,6 +60,7 @@ fn layers(job: &Job, store: &FilmStore, position: usize) -> Result<Vec<Layer>, S
         plan: &job.plans[position],
         options: &job.options,
         gain: job.gains[position],
+        remaining: remaining(&job.layers, band),
         threads: job.threads,
         cancel: interrupt::cancel_flag(),
     };

@@ -29,6 +29,7 @@ mod replaced;
 mod resume;
 mod run_output;
 mod sensor;
+mod tails;
 mod terminal;
 mod validate;
 mod veil;

@@ -145,6 +145,16 @@ fn units_of_any_size_in_any_order_give_the_bytes_of_a_single_run() {
 }
 
 #[test]
+fn units_that_race_for_the_tails_of_a_band_give_the_bytes_of_a_single_run() {
+    let planned = Planned::new(place().with_tails(), &["--unit-rows", "1", "--veiling-glare", "1%"]);
+    assert_eq!(planned.plan["tail_bins_px"], serde_json::json!([4, 4]));
+    let expected = planned.single_run(&["--veiling-glare", "1%"]);
+    compute_units(&planned, 23);
+    assert!(files(&planned.place.film) == expected);
+    assert!(planned.place.film.join("veil_tail/c/1/0/0").exists());
+}
+
+#[test]
 fn units_of_regions_and_bands_give_the_bytes_of_a_single_run() {
     let flags = ["--roi", "5,600,400,31", "--roi", "100,100,200,200", "--roi", "0,0,637,80"];
     let planned = Planned::new(place(), &[&flags[..], &["--unit-rows", "2"]].concat());

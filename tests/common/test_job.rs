@@ -1,7 +1,9 @@
 //! Small job for fault tests: chart, lens pack, film, and the expected film files.
 
-use super::{CommandResult, Picture, files, identity_band, lens, scattered, text, write_pack};
+use super::{CommandResult, Picture, delta, files, identity_band, lens, scattered, text, write_pack};
 use pipeline::geometry::Size;
+use pipeline::lens::tail::{BandTail, Coefficients};
+use pipeline::lens::{LensBand, PsfStack};
 use std::collections::BTreeMap;
 use std::path::{Path, PathBuf};
 use std::process::{Child, Command, Stdio};
@@ -53,6 +55,49 @@ impl TestJob {
         let stacks = lens.bands.iter().zip(1..).map(|(b, seed)| scattered(seed, b)).collect();
         write_pack(&job.pack, &lens, stacks);
         job
+    }
+
+    /// With a lens whose PSFs have about 1 % of their light beyond windows of 21 px.
+    pub fn with_tails(self) -> Self {
+        self.with_pack_of_tails(1.0, true, scattered)
+    }
+
+    /// As [`TestJob::with_tails`], with points in the windows and the same round tails everywhere.
+    pub fn with_point_tails(self) -> Self {
+        self.with_pack_of_tails(0.0, true, |_, band| delta(band))
+    }
+
+    /// As [`TestJob::with_tails`], without what the lens has of the tails.
+    pub fn with_cut_windows(self) -> Self {
+        self.with_pack_of_tails(0.0, false, scattered)
+    }
+
+    /// Tails have harmonics, and change with the height, by `variation`.
+    fn with_pack_of_tails(
+        self,
+        variation: f64,
+        has_tails: bool,
+        psfs: impl Fn(u64, &LensBand) -> PsfStack,
+    ) -> Self {
+        let (inner_mm, px) = (10.5 * 2e-3, 2e-3);
+        let coefficients = |h: f64| -> Coefficients {
+            let change = [0.003 * h * h, 0.0, 0.004 * h * h, 0.0, 0.001].map(|c| variation * c);
+            let third = [0.0165 + change[0], change[1], change[2], change[3], change[4]].map(|c| c * px);
+            third.map(|c| [c, 10.0 * c * px * px])
+        };
+        let height_mm: Vec<f64> = (0..=4).map(|i| 0.25 * f64::from(i)).collect();
+        let coefficients = height_mm.iter().map(|h| coefficients(*h)).collect();
+        let tail = BandTail { inner_mm, height_mm, coefficients };
+        let band = |nm| LensBand {
+            psf_energy: vec![0.99; 4],
+            tail: has_tails.then(|| tail.clone()),
+            ..identity_band(nm, 1.0, 21)
+        };
+        let lens = lens([450.0, 500.0].map(band).into());
+        let stacks = lens.bands.iter().zip(1..).map(|(b, seed)| psfs(seed, b)).collect();
+        std::fs::remove_file(&self.pack).unwrap();
+        write_pack(&self.pack, &lens, stacks);
+        self
     }
 
     pub fn at(&self, name: &str) -> PathBuf {

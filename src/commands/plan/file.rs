@@ -39,6 +39,9 @@ pub struct Plan {
     pub layout: Value,
     /// Digest of the lens in each band, independent of the other bands.
     pub lens_bands: Vec<String>,
+    /// Bins of the layer of tails by band, film pixels; empty without one.
+    #[serde(default, skip_serializing_if = "Vec::is_empty")]
+    pub tail_bins_px: Vec<usize>,
     /// Wavelength of each band, nm.
     pub wavelengths_nm: Vec<f64>,
     /// The film's arrays and their shards.

@@ -6,7 +6,7 @@ use crate::progress::short_number;
 use anyhow::{Context, Result};
 use pipeline::design::depth::estimate::{half_window_px, range_that_fits};
 use pipeline::design::depth::trace::header;
-use pipeline::design::trace::TraceOptions;
+use pipeline::design::trace::{LEAST_TAIL_WINDOW_PX, TraceOptions};
 
 /// Fails if a surface lies behind the first vertex, or is blurred by more than the PSFs of a trace hold.
 pub(super) fn check_blur(job: &TracingJob<'_>, depth: &TracedFor<'_>, trace: &TraceOptions) -> Result<()> {
@@ -35,9 +35,12 @@ pub(super) fn check_blur(job: &TracingJob<'_>, depth: &TracedFor<'_>, trace: &Tr
     )))
 }
 
-/// Half the diagonal of the largest window that the blur of the surfaces of `job` needs, mm; 0 for a flat chart.
+/// Half the diagonal of the largest window that the blur of the surfaces of `job` needs, mm; for a flat chart that of the least window with tails, or 0.
 pub(super) fn margin_mm(job: &TracingJob<'_>, trace: &TraceOptions) -> Result<f64> {
-    let Some(depth) = &job.depth else { return Ok(0.0) };
-    let half_px = half_window_px(job.system, trace, &depth.options)?;
+    let half_px = match &job.depth {
+        Some(depth) => half_window_px(job.system, trace, &depth.options)?,
+        None if job.has_tails() => 0.5 * LEAST_TAIL_WINDOW_PX as f64,
+        None => 0.0,
+    };
     Ok(std::f64::consts::SQRT_2 * half_px * trace.film_pitch_um * 1e-3)
 }

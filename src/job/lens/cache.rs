@@ -17,7 +17,7 @@ use anyhow::{Context, Result, bail};
 use formats::durable::{self, HashedFile};
 use formats::lens::{LensPack, LensPackWriter, PackAttributes};
 use pipeline::design::depth::trace::DepthOptions;
-use pipeline::design::trace::{BandRange, NODES_VERSION, TRACER_VERSION, TraceOptions};
+use pipeline::design::trace::{BandRange, NODES_VERSION, TAILS_VERSION, TRACER_VERSION, TraceOptions};
 use pipeline::design::{DesignError, System};
 use pipeline::lens::Lens;
 use serde_json::json;
@@ -50,12 +50,13 @@ pub type WriteBand<'a> =
     &'a mut dyn FnMut(&mut LensPackWriter) -> Result<(Lens, PackAttributes, Option<String>)>;
 
 /// Digest of all inputs of a traced band. `options` must hold its wavelength only; `range`: its tables and PSFs are means over this; `depth`: it is traced at
-/// depth nodes of these vergences, or, without any, its nodes are placed.
+/// depth nodes of these vergences, or, without any, its nodes are placed; `tails`: it has tails.
 pub fn recipe(
     system: &System,
     options: &TraceOptions,
     range: Option<BandRange>,
     depth: Option<(&DepthOptions, &[f64])>,
+    tails: bool,
 ) -> String {
     let system = system.identity();
     let mut text = format!(
@@ -69,6 +70,10 @@ pub fn recipe(
         if !nodes.is_empty() {
             text.push_str(&format!("values {DEPTH_VALUES_VERSION}\n"));
         }
+    }
+    // Without tails the recipe is that of programs without them.
+    if tails {
+        text.push_str(&format!("tails {TAILS_VERSION}\n"));
     }
     blake3::hash(text.as_bytes()).to_hex().to_string()
 }

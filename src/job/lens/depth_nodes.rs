@@ -46,7 +46,7 @@ impl BandTracer<'_> {
         let count = all.vergence.len();
         let placement = all.only(&in_use);
         detail_line(format!("{nm} nm: {} of {count} depth nodes are needed", placement.vergence.len()));
-        let recipe = cache::recipe(system, options, None, Some((&depth.options, &placement.vergence)));
+        let recipe = cache::recipe(system, options, None, Some((&depth.options, &placement.vergence)), false);
         if let Some(pack) = self.cache.find(&recipe, nm) {
             return Ok((recipe, pack));
         }
@@ -96,7 +96,7 @@ impl BandTracer<'_> {
 
     /// Depth nodes of the whole range, from the cache, or determined and stored there.
     fn placement(&mut self, options: &TraceOptions, depth: &TracedFor<'_>) -> Result<Placement> {
-        let recipe = cache::recipe(self.job.system, options, None, Some((&depth.options, &[])));
+        let recipe = cache::recipe(self.job.system, options, None, Some((&depth.options, &[])), false);
         if let Some(placement) = self.cache.find_nodes(&recipe) {
             return Ok(placement);
         }

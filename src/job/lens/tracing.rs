@@ -282,7 +282,8 @@ impl BandTracer<'_> {
             return self.depth_band(options, depth, &with);
         }
         let range = self.job.bands.map(|bands| bands.of(nm)).transpose()?;
-        let recipe = cache::recipe(system, options, range, None);
+        let tails = self.job.has_tails();
+        let recipe = cache::recipe(system, options, range, None, tails);
         if let Some(pack) = self.cache.find(&recipe, nm) {
             return Ok((recipe, pack));
         }
@@ -294,7 +295,7 @@ impl BandTracer<'_> {
         let (bar, threads, shared) = (&self.bar, self.threads, &mut self.shared);
         let mut progress = |p: Progress| bar.step(format!("{nm} nm: {} ({} PSFs)", p.step, p.psfs));
         let (header, band) = with_threads(threads, || {
-            let trace = LensTrace::new(system, options)?.over(range);
+            let trace = LensTrace::new(system, options)?.over(range).with_tails(tails);
             let band = trace.band_sharing(0, shared, &mut progress)?;
             Ok::<_, DesignError>((trace.header(), band))
         })?;

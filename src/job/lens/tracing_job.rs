@@ -51,6 +51,12 @@ pub(super) struct TracingJob<'a> {
 }
 
 impl TracingJob<'_> {
+    /// Whether its bands have tails.
+    pub(super) fn has_tails(&self) -> bool {
+        let asked = self.tracing.is_some_and(|tracing| tracing.tails);
+        asked && self.depth.is_none() && self.bands.is_none() && self.options.stages.has(Stage::Svpsf)
+    }
+
     /// Plan of the band at `nm` with `lens`.
     pub(super) fn plan(&self, lens: &Lens, nm: f64) -> Result<BandPlan, LensError> {
         match self.depth {

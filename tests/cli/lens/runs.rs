@@ -115,7 +115,8 @@ fn bands_of_coarse_pixels_are_traced_for_them() {
         let source = pack.attributes().source.clone().unwrap();
         assert_eq!(source["film_pitch_um"], 20.0, "{source}");
     }
-    assert_eq!(packs.len(), 1);
+    // Traced again where its window, which has to be clear of the blur, needs more of the lens.
+    assert!((1..=2).contains(&packs.len()), "{}", packs.len());
 }
 
 #[test]

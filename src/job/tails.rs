@@ -1,0 +1,167 @@
+//! Tails of the PSFs of a job: the layer `veil_tail` of its film.
+
+use super::bands::JobPlan;
+use super::inputs::Inputs;
+use crate::args::RunArgs;
+use crate::failure::usage;
+use crate::job::layers::{JobLayer, LayerInputs};
+use crate::job::lens::{JobLens, UntracedLens};
+use crate::progress::{number, plural};
+use anyhow::Result;
+use formats::film::{FilmLayer, FilmSpec};
+use pipeline::band::BandPlan;
+use pipeline::flow::SourceSinkError;
+use pipeline::layer::{BinGrid, Taps};
+use pipeline::stage::Stage;
+use pipeline::tails::{ChartCells, MAX_BIN_PX, TAIL_MARGIN_BINS};
+use serde_json::json;
+
+/// Name of the layer.
+const NAME: &str = "veil_tail";
+
+/// The tails of a job.
+pub struct JobTail {
+    stored: FilmLayer,
+    making_bytes: usize,
+    making_s: f64,
+}
+
+/// Whether the film of `args` has tails: they are asked for, it has the PSF stage, no surfaces at several distances and no --band-samples, and `lens` is a design or a pack
+/// with tails. It belongs to the identity of a job.
+///
+/// # Errors
+/// Usage: a crop of PSF windows.
+pub fn has_tails(args: &RunArgs, has_depth: bool, lens: &UntracedLens) -> Result<bool> {
+    if !args.tracing.tails || !args.stages.contains(&Stage::Svpsf) {
+        return Ok(false);
+    }
+    let has_tails = !has_depth
+        && args.tracing.integrated_bands().is_none()
+        && match lens {
+            UntracedLens::Design(_) => true,
+            UntracedLens::Pack(pack) => {
+                pack.lens().depth.is_none() && pack.lens().bands.iter().any(|band| band.tail.is_some())
+            }
+        };
+    if has_tails && args.psf_window.is_some() {
+        return Err(usage("--psf-window requires --tails off: it cuts the windows from which tails begin"));
+    }
+    Ok(has_tails)
+}
+
+impl JobTail {
+    /// The tails of the bands `plan` on a film of `inputs`, computed by `threads` threads; `None` if no band of the
+    /// film has any. `planned_bins_px`: bins of all bands of the film, from a plan; empty without one, where this process has all bands.
+    pub fn new(plan: &JobPlan, inputs: &Inputs, planned_bins_px: &[usize], threads: usize) -> Option<Self> {
+        let tails = || plan.bands.iter().filter_map(|band| band.tail.as_ref());
+        let (frame, chart) = (&inputs.frame, inputs.frame.chart);
+        if tails().next().is_none() && planned_bins_px.is_empty() {
+            return None;
+        }
+        let making_bytes =
+            tails().map(|tail| tail.all_making_bytes(frame, chart, threads)).max().unwrap_or(0);
+        let making_s = tails().map(|tail| tail.making_s()).fold(0.0, f64::max);
+        let bands = inputs.selected_nm.len();
+        let mut bin_px = match planned_bins_px.len() == bands {
+            true => planned_bins_px.to_vec(),
+            false => vec![MAX_BIN_PX; bands],
+        };
+        for (band, plan) in std::iter::zip(&inputs.film_bands, &plan.bands) {
+            bin_px[*band] = bin_of(plan);
+        }
+        let stored = FilmLayer {
+            name: NAME.into(),
+            bin_px,
+            margin_bins: TAIL_MARGIN_BINS,
+            // It depends on the height, and is part of the PSF.
+            share_taken: vec![0.0; bands],
+            parts: [("tails".to_owned(), json!("of PSFs"))].into_iter().collect(),
+        };
+        Some(Self { stored, making_bytes, making_s })
+    }
+}
+
+/// Bins of the layer of tails of `film` by band, film pixels; empty without one.
+pub fn tail_bins_px(film: &FilmSpec) -> Vec<usize> {
+    film.layers.iter().find(|layer| layer.name == NAME).map_or(Vec::new(), |layer| layer.bin_px.clone())
+}
+
+/// Side of the bins of a band, film pixels; any if it has no tail.
+fn bin_of(plan: &BandPlan) -> usize {
+    plan.tail.as_ref().map_or(MAX_BIN_PX, |tail| tail.bin_px())
+}
+
+impl JobLayer for JobTail {
+    fn stored(&self) -> &FilmLayer {
+        &self.stored
+    }
+
+    fn taps(&self) -> Taps {
+        Taps::Lagrange
+    }
+
+    fn remaining(&self, _band: usize) -> f64 {
+        1.0
+    }
+
+    fn making_bytes(&self) -> usize {
+        self.making_bytes
+    }
+
+    fn making_s(&self) -> f64 {
+        self.making_s
+    }
+
+    fn coefficients(&self, band: &LayerInputs<'_>) -> Result<Vec<f32>, SourceSinkError> {
+        let LayerInputs { frame, plan, options, threads, .. } = *band;
+        let Some(tail) = &plan.tail else {
+            return Ok(vec![0.0; BinGrid::new(frame.film, MAX_BIN_PX, TAIL_MARGIN_BINS).size().pixels()]);
+        };
+        let surround = options.interpolation.surround;
+        let cells = ChartCells::read(
+            band.chart,
+            band.chart_band,
+            tail.cells_px(frame),
+            surround,
+            threads,
+            band.cancel,
+        )?;
+        Ok(tail.layer(frame, &plan.lens, options, band.gain * band.remaining, &cells, threads))
+    }
+}
+
+/// Error of edges, in percent of white, below which what has no tails has no note.
+const MIN_ERROR_PERCENT: f64 = 0.05;
+
+/// A note of what has no tails though they are asked for.
+pub fn note(args: &RunArgs, plan: &JobPlan, has_depth: bool) -> Option<String> {
+    if !args.tracing.tails || !args.stages.contains(&Stage::Svpsf) {
+        return None;
+    }
+    let scaled = "the light of PSFs beyond their windows is scaled into them";
+    if has_depth {
+        return Some(format!("no tails of surfaces at distances: {scaled}"));
+    }
+    if args.tracing.integrated_bands().is_some() {
+        return Some(format!("no tails of bands with --band-samples: {scaled}"));
+    }
+    let without = || plan.bands.iter().filter(|band| band.tail.is_none());
+    let least = without().flat_map(|band| &band.lens.psf_energy).copied().fold(1.0, f64::min);
+    let error = 50.0 * (1.0 - least);
+    if error < MIN_ERROR_PERCENT {
+        return None;
+    }
+    let first = without().next()?;
+    if matches!(plan.lens, JobLens::Pack(_)) && without().count() == plan.bands.len() {
+        return Some(format!(
+            "the lens pack has no tails: {scaled}, so edges are up to {error:.1} % of white wrong; `lenscube lens trace` makes a pack with tails"
+        ));
+    }
+    Some(format!(
+        "{} of {} (from {} nm on) without tails, as rays at the edge of the pupil land near the border of their windows or beyond, or windows have fewer than 11 film pixels: \
+         {scaled}, so edges are up to {error:.1} % of white wrong",
+        plural(without().count(), "band"),
+        plan.bands.len(),
+        number(first.lens.wavelength_nm)
+    ))
+}
