@@ -7,7 +7,9 @@
 //!
 //! The expected curve is [`pipeline::measure::expected`] of the PSF at that field point in the window of the film kernels, as shares
 //! of entire film pixels, with the square of the chart pixel (1/m px), the bin, and the mean of the Catmull-Rom weights at the
-//! phases of the region's pixels (on the axis all phases are equal).
+//! phases of the region's pixels (on the axis all phases are equal). Where the film has the tails of PSFs, the PSF is that of three windows a side: its light
+//! beyond the film kernels' window is expected where it lies, not scaled into the window. What lies beyond three windows moves both
+//! plateaus alike, to about 1.5e-4 of the step.
 //! *Entire pixels.* The film sums light over discrete pixels. Integrated over the plane instead, with squares for both apertures,
 //! the curve differs by up to 1.5e-2 where the PSF has detail finer than a pixel ([`super::error_budget`], `sampling`).
 
@@ -15,7 +17,7 @@ use super::edge_places::{EdgePlace, angles};
 use super::error_budget::{ErrorBudget, MeasuredEdge, RunPsfs};
 use super::film_maker::inside_film;
 use super::interpolated_lens::InterpolatedLens;
-use super::reference::ReferenceBand;
+use super::reference::{Beyond, ReferenceBand};
 use super::setup::Setup;
 use anyhow::{Context, Result};
 use pipeline::geometry::Rect;
@@ -195,7 +197,13 @@ pub fn compare(
         taps: mapping.mean_weights(*rect, setup.chart_centre()),
     };
     let kernel = reference.pixels(height_mm, azimuth_rad, window, pitch_um)?;
-    let expected = ExpectedEsf::new(kernel.into_iter(), 0.0, &step);
+    let inside = ExpectedEsf::new(kernel.into_iter(), 0.0, &step);
+    let beyond = match setup.has_tails[band] {
+        true => reference.beyond(height_mm, azimuth_rad, window, pitch_um)?,
+        false => Beyond::default(),
+    };
+    let outside = ExpectedEsf::new(beyond.shares.iter().copied(), 0.0, &step);
+    let whole = |distance_px: f64, inside: f64| beyond.inside * inside + outside.at(distance_px);
     let half_px = (window as f64 - 1.0) / 2.0;
     let plateau = half_px + PLATEAU_PX.0;
     let mut pixels = film.pixels[band].clone();
@@ -207,20 +215,31 @@ pub fn compare(
     let context = || format!("the edge at the {}", place.title());
     let distance = |y, x| mapping.distance(y, x);
     let film = Esf::new(&pixels, *rect, plateau + PLATEAU_PX.1, distance).with_context(context)?;
-    let lens = film.samples.iter().map(|s| EsfSample { value: expected.at(s.distance_px), ..*s }).collect();
-    let lens = Esf { samples: lens }.normalised(plateau).with_context(context)?;
+    let at = |s: &EsfSample| whole(s.distance_px, inside.at(s.distance_px));
+    let lens = Esf { samples: film.samples.iter().map(|s| EsfSample { value: at(s), ..*s }).collect() };
+    let (dark, light) = lens.plateaus(plateau);
+    let normalised_whole =
+        |distance_px: f64, inside: f64| (whole(distance_px, inside) - dark) / (light - dark);
+    let lens = lens.normalised(plateau).with_context(context)?;
     let film = film.normalised(plateau).with_context(context)?;
     let samples: Vec<(f64, f64, f64)> =
         film.samples.iter().zip(&lens.samples).map(|(f, l)| (f.distance_px, f.value, l.value)).collect();
-    let inside = |esf: &Esf| esf.within(half_px).map(|s| s.value).collect::<Vec<_>>();
+    let in_window = |esf: &Esf| esf.within(half_px).map(|s| s.value).collect::<Vec<_>>();
     let psf = reference.psf(height_mm, window, pitch_um)?;
     let field_point = (height_mm, azimuth_rad);
-    let measured = MeasuredEdge { psf: &psf, field_point, step: &step, samples: &samples, half_px };
+    let measured = MeasuredEdge {
+        psf: &psf,
+        field_point,
+        step: &step,
+        samples: &samples,
+        half_px,
+        whole: &normalised_whole,
+    };
     Ok(EdgeResult {
         place: place.clone(),
         height_mm,
         half_px,
-        agreement: agreement(&inside(&film), &inside(&lens), 1.0 / OVERSAMPLING),
+        agreement: agreement(&in_window(&film), &in_window(&lens), 1.0 / OVERSAMPLING),
         error_budget: run.error_budget(setup, &measured),
         samples,
         film_mtf: Mtf::from_esf(&film),

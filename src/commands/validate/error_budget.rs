@@ -53,6 +53,8 @@ pub struct MeasuredEdge<'a> {
     pub samples: &'a [(f64, f64, f64)],
     /// Half the PSF window, px.
     pub half_px: f64,
+    /// Of a distance from the edge, px, and the value there by the light in the window: the value by all light, on the scale of the samples.
+    pub whole: &'a dyn Fn(f64, f64) -> f64,
 }
 
 impl RunPsfs {
@@ -100,15 +102,16 @@ impl RunPsfs {
         let (plane, heights) = (integrated_over_plane(edge.psf), integrated_over_plane(&interpolated));
         let kernel = self.kernel(height_mm * 1e3 / setup.pitch_um, azimuth_rad);
         let kernel = ExpectedEsf::new(shares(&kernel, n, 1.0).into_iter(), 0.0, edge.step);
+        let whole = |esf: &ExpectedEsf, distance_px: f64| (edge.whole)(distance_px, esf.at(distance_px));
         let max_abs = |difference: &dyn Fn(&(f64, f64, f64)) -> f64| {
             let inside = edge.samples.iter().filter(|s| s.0.abs() <= edge.half_px);
             inside.map(|s| difference(s).abs()).fold(0.0, f64::max)
         };
         ErrorBudget {
-            sampling: max_abs(&|s| plane.at(s.0) - s.2),
-            heights: max_abs(&|s| heights.at(s.0) - plane.at(s.0)),
-            kernels: max_abs(&|s| kernel.at(s.0) - s.2),
-            rest: max_abs(&|s| s.1 - kernel.at(s.0)),
+            sampling: max_abs(&|s| whole(&plane, s.0) - s.2),
+            heights: max_abs(&|s| whole(&heights, s.0) - whole(&plane, s.0)),
+            kernels: max_abs(&|s| whole(&kernel, s.0) - s.2),
+            rest: max_abs(&|s| s.1 - whole(&kernel, s.0)),
         }
     }
 }

@@ -14,11 +14,14 @@ use pipeline::design::illumination::irradiance_sr;
 use pipeline::design::psf::{PsfGrid, PsfScratch, PupilFunction};
 use pipeline::design::ray::Tracer;
 use pipeline::figures::PsfWindow;
-use pipeline::lens::{LensBand, PsfSample, PsfStack};
+use pipeline::lens::{LensBand, PsfSample, PsfStack, linear, tail};
 use pipeline::measure::expected::Share;
 
 /// Largest difference of wavelengths that count as equal, nm.
 const WAVELENGTH_TOLERANCE_NM: f64 = 1e-6;
+
+/// Side of the PSF with its light beyond a window, windows.
+pub const BEYOND_WINDOWS: usize = 3;
 
 /// Lens that films are compared with.
 pub enum ReferenceLens {
@@ -46,6 +49,21 @@ pub struct Psf {
     pub step_px: f64,
     /// Whether each sample is a mean over the square of its pitch.
     pub integrated: bool,
+}
+
+/// The light of a PSF beyond a window.
+#[derive(Clone, Debug)]
+pub struct Beyond {
+    /// Share of the light in the window.
+    pub inside: f64,
+    /// Shares of entire film pixels beyond the window, on the film's axes, up to [`BEYOND_WINDOWS`] windows a side.
+    pub shares: Vec<Share>,
+}
+
+impl Default for Beyond {
+    fn default() -> Self {
+        Self { inside: 1.0, shares: Vec::new() }
+    }
 }
 
 impl ReferenceLens {
@@ -157,6 +175,43 @@ impl ReferenceBand<'_> {
         let sum: f64 = out.iter().map(|s| s.1).sum();
         out.iter_mut().for_each(|s| s.1 /= sum);
         Ok(out)
+    }
+
+    /// The light of the PSF at `azimuth_rad` beyond the window of `window_px` film pixels; a design is traced over [`BEYOND_WINDOWS`] windows a side.
+    pub fn beyond(&self, real_mm: f64, azimuth_rad: f64, window_px: usize, pitch_um: f64) -> Result<Beyond> {
+        let half = window_px as f64 / 2.0;
+        let (sin, cos) = azimuth_rad.sin_cos();
+        let along = |(y, x): (f64, f64)| (y * cos - x * sin, x * cos + y * sin);
+        let is_inside = |at: (f64, f64)| {
+            let turned = along(at);
+            [at.0, at.1, turned.0, turned.1].iter().all(|v| v.abs() <= half)
+        };
+        let wide_px = BEYOND_WINDOWS * window_px;
+        match self {
+            Self::Table { band, .. } => {
+                let Some(tail) = &band.tail else { return Ok(Beyond::default()) };
+                let (c, pitch_mm) = (tail.at(real_mm), pitch_um * 1e-3);
+                let pixels = shares(&vec![0.0; wide_px * wide_px], wide_px, 1.0);
+                let shares = pixels.into_iter().filter(|(at, _)| !is_inside(*at)).map(|(at, _)| {
+                    let (y, x) = along(at);
+                    let irradiance = tail::value(&c, tail.inner_mm, x * pitch_mm, y * pitch_mm);
+                    (at, irradiance * pitch_mm * pitch_mm)
+                });
+                let energy = linear(&band.psf_height_mm, &band.psf_energy, real_mm);
+                Ok(Beyond { inside: energy, shares: shares.collect() })
+            }
+            Self::Traced { .. } => {
+                let (mut samples, n, step) = self.traced(real_mm, azimuth_rad, wide_px, pitch_um)?;
+                let mut inside = 0.0;
+                for (v, (at, _)) in samples.iter_mut().zip(shares(&vec![0.0; n * n], n, step)) {
+                    if is_inside(at) {
+                        inside += std::mem::take(v);
+                    }
+                }
+                let pixels = FilmPixels::new(n, step, wide_px, 1.0).integrate(&samples);
+                Ok(Beyond { inside, shares: shares(&pixels, wide_px, 1.0) })
+            }
+        }
     }
 
     /// Samples of the traced PSF, their number along a side and their pitch in film pixels: the sampling of a traced pack, a

@@ -13,6 +13,7 @@ use formats::durable::{create_directories, sweep_entries};
 use pipeline::geometry::{Frame, Rect, Size};
 use pipeline::psf::kernel::film_window;
 use pipeline::stage::Stage;
+use pipeline::tails::TailPlan;
 
 /// Built-in lenses of the paper's design, its film (side in px, pitch in µm) and its bands.
 const PAPER_LENSES: [&str; 2] = ["double-gauss-28", "double-gauss-28-npz"];
@@ -37,6 +38,8 @@ pub struct Setup {
     pub wavelengths_nm: Vec<f64>,
     /// Side of the film kernels, px, by band.
     pub windows_px: Vec<usize>,
+    /// Whether films have the tails of PSFs, by band.
+    pub has_tails: Vec<bool>,
     /// Lens of the simulated films, traced where it is a design.
     pub source: JobLens,
     pub reference: ReferenceLens,
@@ -77,6 +80,11 @@ impl Setup {
             Ok(film_window(band.psf_size, band.psf_pitch_um, args.film_pitch_um, sample))
         };
         let windows_px = wavelengths_nm.iter().map(window).collect::<Result<_>>()?;
+        let has_tails = wavelengths_nm.iter().map(|nm| {
+            let bands = &source.lens().bands;
+            bands.iter().any(|b| (b.wavelength_nm - nm).abs() < 1e-6 && TailPlan::new(&frame, b).is_some())
+        });
+        let has_tails = has_tails.collect();
         create_directories(&args.out, true)?;
         // Temporary films of a killed validation.
         sweep_entries(&args.out)?;
@@ -99,6 +107,7 @@ impl Setup {
             axis_px: frame.axis_px,
             wavelengths_nm,
             windows_px,
+            has_tails,
             source,
             reference,
             of_paper,
