@@ -1,7 +1,7 @@
 //! Time of a run by phase, summed over all threads: wall time and CPU time.
 //!
 //! The two differ by waiting, for the disk or for a core. Σ CPU time / cores is a lower bound of a run's duration. Threads that a phase starts for its
-//! own work belong to it ([`on_threads`]).
+//! own work belong to it (`on_threads`).
 
 use crate::flow::{ChartSource, SourceSinkError};
 use crate::geometry::{Rect, Size};

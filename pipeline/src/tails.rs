@@ -12,7 +12,7 @@
 //! within 10 % of T there, beside a kernel K that is many times larger; the others have five or a few more (g is the least that gives them) and are within 2 %.
 //!
 //! U: four-tap cubic Lagrange interpolation from the centres of bins, u = (x + ½)/b − ½; Uᵀ, its transpose, puts light into bins so that moments up to
-//! the third are kept. L_0 is computed from samples of the light at half bins ([`light`]), read from the chart on cells of their size ([`cells`]). The convolution of a level is that of the PSF stage with the
+//! the third are kept. L_0 is computed from samples of the light at half bins ([`light`]), read from the chart on cells of their size (`cells`). The convolution of a level is that of the PSF stage with the
 //! node kernels T_l at [`AZIMUTHS`] azimuths of each height of the table ([`levels`]), by the portable engine in f32: the same bits on every host.
 //! Surroundings of the film that a level's kernels reach are part of its light.
 //!

@@ -1,4 +1,4 @@
-//! `lenscube measure`: edges, points and profiles of a film or chart, by the estimators of `validate`; veiling glare and flare, also of raws ([`light`]).
+//! `lenscube measure`: edges, points and profiles of a film or chart, by the estimators of `validate`; veiling glare and flare, also of raws ([`mod@light`]).
 //!
 //! An edge is fitted between two given positions (ISO 12233: a straight line through the centroids of the line spread functions of
 //! its rows), and its pixels are averaged in bins of 1/4 px of distance. Its plateaus are the samples beyond 3/4 of the half width.

@@ -3,7 +3,7 @@
 //! ```text
 //! L_0(k) = Σ_i v_i f(2k + i)        v = Uᵀ of halves, along each axis
 //! ```
-//! f is the remapped image at the centres of half bins, read from the chart on cells of about that size ([`super::cells`]). Four-tap interpolation between such
+//! f is the remapped image at the centres of half bins, read from the chart on cells of about that size (`cells`). Four-tap interpolation between such
 //! cells, sampled at their own spacing g, has the light of a point wherever it lies: where film and cells differ by a factor 1 + δ, as by distortion, its share
 //! is wrong by about 40 δ⁴ (0.9 % at δ = 1/8). An even image stays even.
 //! In f64; each bin is summed by rows, the same for any number of threads.
