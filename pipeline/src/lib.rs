@@ -98,6 +98,7 @@ pub mod lens;
 pub mod lru;
 pub mod measure;
 pub mod options;
+mod parts;
 pub mod psf;
 pub mod real;
 pub mod reduced_chart;

@@ -8,11 +8,10 @@
 //!
 //! Each chart pixel is read once, in rectangles of at most 512 px squared that begin at multiples of it, which are those of usual chunks.
 
-use crate::clock::on_threads;
 use crate::flow::{ChartSource, SourceSinkError};
 use crate::geometry::{Rect, Size};
+use crate::parts::for_each_part;
 use crate::resample::Surround;
-use std::sync::Mutex;
 use std::sync::atomic::{AtomicBool, Ordering};
 
 /// Side of the rectangles that are read, chart pixels.
@@ -101,27 +100,16 @@ impl ReducedChart {
         let mut values = vec![0f32; size.pixels()];
         // Rows of cells that one thread reads at a time: of whole blocks of chart pixels.
         let rows = (BLOCK_PX / side).max(1);
-        let failure: Mutex<Option<SourceSinkError>> = Mutex::default();
-        let parts = Mutex::new(values.chunks_mut(rows * size.width).enumerate());
-        let next = || parts.lock().expect("no panic while held").next();
-        let work = || {
-            let mut reader = CellRows::new(chart, band, side);
-            while let Some((part, values)) = next() {
-                let result = match cancel.load(Ordering::Relaxed) {
-                    true => Err(Stopped.into()),
-                    false => reader.read(part * rows, values),
-                };
-                if let Err(error) = result {
-                    failure.lock().expect("no panic while held").get_or_insert(error);
-                    break;
-                }
-            }
-        };
-        on_threads(threads, work);
-        match failure.into_inner().expect("no panic while held") {
-            Some(error) => Err(error),
-            None => Ok(Self { side, size, values }),
-        }
+        for_each_part(
+            threads,
+            values.chunks_mut(rows * size.width).enumerate(),
+            || CellRows::new(chart, band, side),
+            |reader, (part, values)| match cancel.load(Ordering::Relaxed) {
+                true => Err(Stopped.into()),
+                false => reader.read(part * rows, values),
+            },
+        )?;
+        Ok(Self { side, size, values })
     }
 
     /// The reduced chart with these `values`, row by row, of a chart of `chart` px.

@@ -11,10 +11,10 @@
 //! Rows of the chart are summed in strips, in f32, each strip in the same order by one thread; a cell has parts of at most two strips, so the bits do not
 //! depend on the number of threads. Each chart pixel is read once, in rectangles of at most 512 px squared that begin at multiples of it.
 
-use crate::clock::on_threads;
 use crate::flow::{ChartSource, SourceSinkError};
 use crate::geometry::{Rect, Size};
 use crate::layer::Taps;
+use crate::parts::for_each_part;
 use crate::reduced_chart::Stopped;
 use crate::resample::Surround;
 use std::sync::Mutex;
@@ -125,37 +125,24 @@ impl ChartCells {
         let width = columns.cells();
         let (of_rows, of_columns) = (rows.weights(surround), columns.weights(surround));
         let values = Mutex::new(vec![0f32; rows.cells() * width]);
-        let failure: Mutex<Option<SourceSinkError>> = Mutex::default();
-        let strips = Mutex::new((0..chart.size().height).step_by(strip_px(side.0)));
-        let next = || strips.lock().expect("no panic while held").next();
-        let work = || {
-            let mut reader = StripReader::new(chart, band, (&of_rows, &of_columns), width);
-            while let Some(top) = next() {
-                let height = strip_px(side.0).min(chart.size().height - top);
-                let result = match cancel.load(Ordering::Relaxed) {
-                    true => Err(Stopped.into()),
-                    false => reader.read(top, height),
-                };
-                if let Err(error) = result {
-                    failure.lock().expect("no panic while held").get_or_insert(error);
-                    break;
+        for_each_part(
+            threads,
+            (0..chart.size().height).step_by(strip_px(side.0)),
+            || StripReader::new(chart, band, (&of_rows, &of_columns), width),
+            |reader, top| {
+                if cancel.load(Ordering::Relaxed) {
+                    return Err(Stopped.into());
                 }
+                reader.read(top, strip_px(side.0).min(chart.size().height - top))?;
                 // A row of cells that two strips have is a sum of two numbers, in either order.
                 let mut values = values.lock().expect("no panic while held");
                 let to = &mut values[reader.first_cell * width..][..reader.cells.len()];
                 to.iter_mut().zip(&reader.cells).for_each(|(to, v)| *to += v);
-            }
-        };
-        on_threads(threads, work);
-        match failure.into_inner().expect("no panic while held") {
-            Some(error) => Err(error),
-            None => Ok(Self {
-                rows,
-                columns,
-                surround,
-                values: values.into_inner().expect("no panic while held"),
-            }),
-        }
+                Ok::<_, SourceSinkError>(())
+            },
+        )?;
+        let values = values.into_inner().expect("no panic while held");
+        Ok(Self { rows, columns, surround, values })
     }
 
     /// The light at chart coordinates (row, column), pixel centres at integers.

@@ -8,10 +8,10 @@
 //! is wrong by about 40 δ⁴ (0.9 % at δ = 1/8). An even image stays even.
 //! In f64; each bin is summed by rows, the same for any number of threads.
 
-use crate::clock::on_threads;
 use crate::geometry::Size;
 use crate::layer::{BinGrid, Taps};
-use std::sync::Mutex;
+use crate::parts::for_each_part;
+use std::convert::Infallible;
 
 /// Samples of a bin along each axis.
 pub(super) const SAMPLES: usize = 2;
@@ -42,15 +42,17 @@ pub fn of_bins(light: &dyn Light, bins: &BinGrid, threads: usize) -> Vec<f32> {
     let mut out = vec![0f32; bins.size().pixels()];
     /// Rows of bins that a thread computes at a time.
     const ROWS: usize = 32;
-    let parts = Mutex::new(out.chunks_mut(ROWS * columns).enumerate());
-    let next = || parts.lock().expect("no panic while held").next();
-    let work = || {
-        let mut scratch = Scratch::new(bins);
-        while let Some((part, rows)) = next() {
+    let parts = out.chunks_mut(ROWS * columns).enumerate();
+    let done: Result<(), Infallible> = for_each_part(
+        threads,
+        parts,
+        || Scratch::new(bins),
+        |scratch, (part, rows)| {
             scratch.rows(light, bins, part * ROWS, rows);
-        }
-    };
-    on_threads(threads, work);
+            Ok(())
+        },
+    );
+    let Ok(()) = done;
     out
 }
 
