@@ -161,11 +161,10 @@ impl BandPlan {
     }
 
     /// Puts the tails of its PSFs on the film, if the lens has them and the film has the PSF stage: kernels then keep their share of the light, and the rest is
-    /// a layer. Whether it has them.
-    pub fn add_tail(&mut self, frame: &Frame, options: &Options) -> bool {
+    /// a layer.
+    pub fn add_tail(&mut self, frame: &Frame, options: &Options) {
         let is_plain = self.grid.is_some() && options.psf_window.is_none();
         self.tail = if is_plain { TailPlan::new(frame, &self.lens) } else { None };
-        self.tail.is_some()
     }
 
     /// Plans the band at `wavelength_nm` for `surfaces`. A flat chart at a depth node of the lens is planned as by

@@ -31,8 +31,28 @@ pub use cells::ChartCells;
 pub use plan::TailPlan;
 pub use remapped::TAIL_MARGIN_BINS;
 
+use crate::layer::Taps;
+
 /// Largest bin of level 0, film pixels.
 pub const MAX_BIN_PX: usize = 8;
+/// Weights of the parts of a bin in its mean, along one axis: Uᵀ over the number of parts per bin, `N`/4. They belong to the parts from
+/// [`first_part`] on.
+fn transposed<const N: usize>() -> [f64; N] {
+    let parts = (N / 4) as f64;
+    std::array::from_fn(|i| {
+        let u = ((i as i64 + first_part(N)) as f64 + 0.5) / parts - 0.5;
+        let cell = u.floor();
+        // Coefficient 0 is tap −cell of the four from −1 on.
+        let tap = usize::try_from(1 - cell as i64).expect("a tap of bin 0");
+        Taps::Lagrange.weights(u - cell)[tap] / parts
+    })
+}
+
+/// First part that bin 0 reads, of `taps` parts in all.
+const fn first_part(taps: usize) -> i64 {
+    (taps / 8) as i64 - (taps / 2) as i64
+}
+
 /// Ratio of the radii, and of the bins, of two levels.
 const GROWTH: usize = 4;
 /// Bins in the radius of each level but the first, at least.

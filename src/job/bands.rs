@@ -62,9 +62,7 @@ impl JobPlan {
 
     /// Puts the tails of PSFs on the film, of the bands that have any.
     pub fn add_tails(&mut self, inputs: &Inputs, options: &Options) {
-        self.bands.iter_mut().for_each(|band| {
-            band.add_tail(&inputs.frame, options);
-        });
+        self.bands.iter_mut().for_each(|band| band.add_tail(&inputs.frame, options));
     }
 }
 

@@ -10,7 +10,7 @@
 
 use super::light::{self, Light};
 use super::plan::TailPlan;
-use super::{GROWTH, OUT_MARGIN};
+use super::{GROWTH, OUT_MARGIN, first_part, transposed};
 use crate::buffer::AlignedBuf;
 use crate::geometry::{Frame, Rect, Size};
 use crate::layer::{BinGrid, Taps};
@@ -225,13 +225,13 @@ fn out_size(bins: &BinGrid) -> Size {
 
 /// The light of `coarse` bins: from the `fine` ones of which [`GROWTH`] make a side, where all that a bin reads are there, else directly.
 fn coarser(light: &dyn Light, (fine, values): (&BinGrid, &[f32]), coarse: &BinGrid) -> Vec<f32> {
-    let taps = coarse_taps();
+    let taps = transposed::<COARSE_TAPS>();
     let Size { height: rows, width: columns } = coarse.size();
     let Size { height: fine_rows, width: fine_columns } = fine.size();
     // First fine bin that a coarse one reads, if it reads only bins that there are.
     let first = |index: usize, count: usize| -> Option<usize> {
         let bin = index as i64 - coarse.margin as i64;
-        let at = bin * GROWTH as i64 + COARSE_FIRST + fine.margin as i64;
+        let at = bin * GROWTH as i64 + first_part(COARSE_TAPS) + fine.margin as i64;
         let at = usize::try_from(at).ok()?;
         (at + taps.len() <= count).then_some(at)
     };
@@ -262,19 +262,8 @@ fn coarser(light: &dyn Light, (fine, values): (&BinGrid, &[f32]), coarse: &BinGr
     out
 }
 
-/// Fine bins that coarse bin 0 reads from.
-const COARSE_FIRST: i64 = -6;
-const COARSE_TAPS: usize = 16;
-
-/// Weights of the fine bins in the mean light of a coarse one: Uᵀ over its number of fine bins, along one axis.
-fn coarse_taps() -> [f64; COARSE_TAPS] {
-    std::array::from_fn(|i| {
-        let u = ((COARSE_FIRST + i as i64) as f64 + 0.5) / GROWTH as f64 - 0.5;
-        let cell = u.floor();
-        let tap = usize::try_from(1 - cell as i64).ok();
-        tap.and_then(|tap| Taps::Lagrange.weights(u - cell).get(tap).copied()).unwrap_or(0.0) / GROWTH as f64
-    })
-}
+/// Fine bins that a coarse one reads.
+const COARSE_TAPS: usize = 4 * GROWTH;
 
 /// `finer` + U `coarse`, results on their grids.
 fn add_interpolated(coarse_bins: &BinGrid, coarse: &[f32], fine_bins: &BinGrid, finer: Vec<f32>) -> Vec<f32> {

@@ -8,32 +8,22 @@
 //! is wrong by about 40 δ⁴ (0.9 % at δ = 1/8). An even image stays even.
 //! In f64; each bin is summed by rows, the same for any number of threads.
 
+use super::{first_part, transposed};
 use crate::geometry::Size;
-use crate::layer::{BinGrid, Taps};
+use crate::layer::BinGrid;
 use crate::parts::for_each_part;
 use std::convert::Infallible;
 
 /// Samples of a bin along each axis.
 pub(super) const SAMPLES: usize = 2;
 /// Samples that a bin reads: from FIRST + 2k on, along each axis.
-const TAPS: usize = 8;
-const FIRST: i64 = -3;
+const TAPS: usize = 4 * SAMPLES;
+const FIRST: i64 = first_part(TAPS);
 
 /// Light at a place (row, column) of the film, pixel centres at integers.
 pub trait Light: Sync {
     /// The remapped image there, whether on the film or beyond.
     fn at(&self, y: f64, x: f64) -> f64;
-}
-
-/// Weights of the samples of a bin, of sum 1.
-fn taps() -> [f64; TAPS] {
-    std::array::from_fn(|i| {
-        let u = ((i as i64 + FIRST) as f64 + 0.5) / SAMPLES as f64 - 0.5;
-        let cell = u.floor();
-        // Coefficient 0 is tap −cell of the four from −1 on.
-        let tap = usize::try_from(1 - cell as i64).expect("a tap of bin 0");
-        Taps::Lagrange.weights(u - cell)[tap] / SAMPLES as f64
-    })
 }
 
 /// Mean light of the bins, row by row, on `threads` threads.
@@ -73,7 +63,7 @@ impl Scratch {
         let columns = bins.size().width;
         Self {
             step: bins.bin_px as f64 / SAMPLES as f64,
-            weights: taps(),
+            weights: transposed(),
             samples: vec![0.0; SAMPLES * columns + TAPS],
             line: vec![0.0; columns],
             sums: Vec::new(),
@@ -129,7 +119,7 @@ mod tests {
 
     #[test]
     fn taps_keep_moments_up_to_the_third() {
-        let w = taps();
+        let w = transposed::<TAPS>();
         // Light of sample parity p of unit strength: its bins sum to half of 1, at its place, in units of samples.
         for parity in [0_i64, 1] {
             let moment = |n: i32| -> f64 {

@@ -14,6 +14,7 @@
 use rayon::prelude::*;
 
 use super::{PsfGrid, PsfScratch};
+use crate::design::pupil::edge::Edge;
 use crate::design::pupil::pupils::Pupils;
 use crate::lens::tail::{BandTail, Coefficients, ORDERS, TERMS};
 
@@ -37,21 +38,19 @@ pub struct NoTail {
     pub half_um: f64,
 }
 
-/// Largest distance from the chief ray of the rays at the edge of the pupil at `heights` (those that `pupils` were made with), µm.
-pub(in crate::design) fn blur_um(pupils: &Pupils<'_>, heights: &[f64], surfaces: usize) -> f64 {
-    heights.iter().fold(0.0, |largest: f64, h| largest.max(pupils.at(*h).edge(surfaces).blur_um))
+/// Largest distance from the chief ray of the rays at `edges` of pupils, µm.
+pub(in crate::design) fn blur_um(edges: &[Edge]) -> f64 {
+    edges.iter().fold(0.0, |largest, edge| largest.max(edge.blur_um))
 }
 
-/// The tails at `heights` (those that `pupils` were made with) beyond windows of `window` samples of `pitch_um`.
+/// The tails at `heights` (those that `pupils` were made with, which have `edges`) beyond windows of `window` samples of `pitch_um`.
 pub(in crate::design) fn band_tail(
     pupils: &Pupils<'_>,
-    heights: &[f64],
+    (heights, edges): (&[f64], &[Edge]),
     (window, pitch_um): (usize, f64),
-    surfaces: usize,
 ) -> Result<BandTail, NoTail> {
     let half_um = 0.5 * window as f64 * pitch_um;
-    let edges: Vec<_> = heights.iter().map(|h| pupils.at(*h).edge(surfaces)).collect();
-    let blur_um = edges.iter().fold(0.0_f64, |a, e| a.max(e.blur_um));
+    let blur_um = blur_um(edges);
     if CLEAR * blur_um > half_um {
         return Err(NoTail { blur_um, half_um });
     }
@@ -60,7 +59,7 @@ pub(in crate::design) fn band_tail(
     let rings = Rings::new(half, 0.5 * window as f64);
     let coefficients = heights
         .par_iter()
-        .zip(&edges)
+        .zip(edges)
         .map_init(<(PsfScratch, Vec<f32>)>::default, |(scratch, psf), (h, edge)| {
             grid.psf_into(pupils.at(*h), 0.0, scratch, psf);
             rings.fit(psf, window, pitch_um, edge.tail_um)
@@ -205,7 +204,8 @@ mod tests {
             let edge = f.edge(tracer.surfaces());
             let pitch_um = 0.9 * f.nyquist_um();
             let window = (2.0 * half_um / pitch_um) as usize | 1;
-            let tail = band_tail(&pupils, &heights, (window, pitch_um), tracer.surfaces()).unwrap();
+            let edges = heights.map(|h| pupils.at(h).edge(tracer.surfaces()));
+            let tail = band_tail(&pupils, (&heights, &edges), (window, pitch_um)).unwrap();
             let [third, fifth] = tail.coefficients[k][0].map(|v| 1e3 * v);
             assert!((edge.tail_um / c - 1.0).abs() < 3e-3, "{line}: C {}", edge.tail_um);
             assert!((edge.blur_um - blur).abs() < 0.03 * blur + 0.3, "{line}: blur {}", edge.blur_um);

@@ -145,9 +145,13 @@ impl<'a> BandTracers<'a> {
         own: BandSampling,
     ) -> Result<BandSampling, DesignError> {
         let BandSampling { mut pitch_um, mut window_px } = own;
+        if options.psf_pitch_um.is_some() && options.window_px.is_some() {
+            return Ok(BandSampling { pitch_um, window_px });
+        }
+        let all: Vec<_> =
+            self.tracers.iter().map(|(_, tracer)| self.pupils(tracer, first_mm)).collect::<Result<_, _>>()?;
         if options.psf_pitch_um.is_none() {
-            for (_, tracer) in &self.tracers {
-                let (heights, pupils) = self.pupils(tracer, first_mm)?;
+            for (heights, pupils) in &all {
                 let nyquist = heights.iter().map(|h| pupils.at(*h)).map(PupilFunction::nyquist_um);
                 pitch_um =
                     pitch_um.min(super::trace::pitch_below(options, nyquist.fold(f64::INFINITY, f64::min)));
@@ -157,9 +161,8 @@ impl<'a> BandTracers<'a> {
             return Ok(BandSampling { pitch_um, window_px });
         }
         let mut shift_um = 0.0_f64;
-        for (_, tracer) in &self.tracers {
-            let (heights, pupils) = self.pupils(tracer, first_mm)?;
-            let Windows { px, .. } = window(options, tracer, (&heights, &pupils), pitch_um)?;
+        for ((_, tracer), (heights, pupils)) in self.tracers.iter().zip(&all) {
+            let Windows { px, .. } = window(options, tracer, (heights, pupils), pitch_um)?;
             window_px = window_px.max(px);
             shift_um =
                 heights.iter().zip(first_mm).fold(shift_um, |most, (a, b)| most.max(1e3 * (a - b).abs()));

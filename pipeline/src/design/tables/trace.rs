@@ -26,6 +26,7 @@ use crate::design::psf::pupil_stack::{PupilStack, normalise};
 pub use crate::design::psf::tails::NoTail;
 use crate::design::psf::tails::{band_tail, blur_um};
 use crate::design::psf::{PsfGrid, PsfScratch, PupilFunction};
+use crate::design::pupil::edge::Edge;
 use crate::design::pupil::illumination::{irradiance_sr, irradiance_table};
 use crate::design::pupil::pupils::Pupils;
 use crate::design::rays::paraxial::Paraxial;
@@ -101,6 +102,8 @@ pub(super) struct Sampled<'t> {
     last_mm: f64,
     /// The heights that `pupils` were made with, mm.
     first: Vec<f64>,
+    /// The edges of the pupils there, for tails.
+    edges: Option<Vec<Edge>>,
     /// Window and samples of the PSFs, and those for the choice of nodes.
     window_px: usize,
     grid: PsfGrid,
@@ -229,10 +232,10 @@ impl<'a> LensTrace<'a> {
             sampled.window_px = window_px;
             sampled.grid = PsfGrid::new(half_samples(window_px, options.film_pitch_um, pitch_um), pitch_um);
         }
-        let Sampled { mut pupils, grid, window_px, first, .. } = sampled;
-        let tail = (self.tails && of_band.is_none()).then(|| {
+        let Sampled { mut pupils, grid, window_px, first, edges, .. } = sampled;
+        let tail = edges.map(|edges| {
             report_step("tails", 0);
-            band_tail(&pupils, &first, (grid.size(), grid.pitch_um()), tracer.surfaces())
+            band_tail(&pupils, (&first, &edges), (grid.size(), grid.pitch_um()))
         });
         report_step("PSFs", 0);
         let (stack, pupils) = match &of_band {
@@ -294,19 +297,20 @@ impl<'a> LensTrace<'a> {
             Some(px) => Windows { px, core_px: px },
             None => window(options, tracer, (&heights, &pupils), pitch_um)?,
         };
-        let window_px = match self.tails && self.band.is_none() && options.window_px.is_none() {
-            true => {
-                let blur_um = blur_um(&pupils, &heights, tracer.surfaces());
-                for_tails(options, plain_px, blur_um, pitch_um)
+        let edges: Option<Vec<Edge>> = (self.tails && self.band.is_none())
+            .then(|| heights.iter().map(|h| pupils.at(*h).edge(tracer.surfaces())).collect());
+        let window_px = match &edges {
+            Some(edges) if options.window_px.is_none() => {
+                for_tails(options, plain_px, blur_um(edges), pitch_um)
             }
-            false => plain_px,
+            _ => plain_px,
         };
         report("window", if options.window_px.is_some() { 0 } else { heights.len() });
         let grid = PsfGrid::new(half_samples(window_px, options.film_pitch_um, pitch_um), pitch_um);
         let (core_half, core_pitch_um) = core_samples(core_px, options.film_pitch_um, pitch_um);
         let core = PsfGrid::new(core_half, core_pitch_um);
         let budget_side = 2 * half_samples(plain_px, options.film_pitch_um, pitch_um) + 1;
-        Ok(Sampled { pupils, last_mm, first: heights, window_px, grid, budget_side, core_px, core })
+        Ok(Sampled { pupils, last_mm, first: heights, edges, window_px, grid, budget_side, core_px, core })
     }
 
     /// Chooses nodes at the wavelength of `sampled`.

@@ -25,18 +25,12 @@ fn band(inner_px: f64) -> LensBand {
         height_mm: height_mm.clone(),
     };
     LensBand {
-        wavelength_nm: 550.0,
-        ideal_height_mm: height_mm.clone(),
-        image_height_mm: height_mm.clone(),
-        relative_illumination: vec![1.0; 13],
         psf_height_mm: height_mm.clone(),
         azimuth_count: [1].into_iter().chain([8; 12]).collect(),
         psf_size: 41,
-        psf_pitch_um: 2.0,
         psf_energy: vec![0.99; 13],
-        solid_angle_sr: 0.1,
-        transmission: 1.0,
         tail: Some(tail),
+        ..LensBand::ideal(550.0, height_mm)
     }
 }
 
