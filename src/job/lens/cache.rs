@@ -109,26 +109,9 @@ impl Cache {
 
     /// Cached band of `recipe` at `wavelength_nm`. An entry that is damaged or of another band is removed with a note.
     pub fn find(&self, recipe: &str, wavelength_nm: f64) -> Option<LensPack> {
-        let prefix = &recipe[..DIGITS];
-        for entry in std::fs::read_dir(&self.dir).ok()?.flatten() {
-            let name = entry.file_name().to_string_lossy().into_owned();
-            let content =
-                name.strip_suffix(EXTENSION).and_then(|n| n.strip_prefix(prefix)?.strip_prefix('-'));
-            let Some(content) = content else { continue };
-            let path = entry.path();
-            match open(&path, content, recipe, wavelength_nm) {
-                Ok(pack) => return Some(pack),
-                Err(problem) => {
-                    log_line(format!(
-                        "note: {} cannot be used ({problem}); its band is traced again",
-                        path.display()
-                    ));
-                    // If the removal fails, the next look-up prints the note again.
-                    let _ = std::fs::remove_file(&path);
-                }
-            }
-        }
-        None
+        find_entry(&self.dir, recipe, EXTENSION, "its band is traced again", |path, content| {
+            open(path, content, recipe, wavelength_nm).map_err(|problem| Unusable::Bad(problem.to_string()))
+        })
     }
 
     /// Stores the band that `write` writes and opens its entry. If the directory cannot be written, changes to a temporary directory and calls
@@ -142,6 +125,57 @@ impl Cache {
             stored => stored,
         }
     }
+}
+
+/// Why an entry is not used.
+enum Unusable {
+    /// What is wrong with it, for which it is removed with a note.
+    Bad(String),
+    /// It cannot be read, as another process may have removed it.
+    Unreadable,
+}
+
+impl Unusable {
+    fn damaged() -> Self {
+        Self::Bad("it is damaged".into())
+    }
+}
+
+/// The first entry of `recipe` in `dir` that `open` opens, by its path and the digest of its content in its name. Bad ones are removed with a note, which says what
+/// is done `instead`.
+fn find_entry<T>(
+    dir: &Path,
+    recipe: &str,
+    extension: &str,
+    instead: &str,
+    open: impl Fn(&Path, &str) -> Result<T, Unusable>,
+) -> Option<T> {
+    for entry in std::fs::read_dir(dir).ok()?.flatten() {
+        let name = entry.file_name().to_string_lossy().into_owned();
+        let of_recipe = name.strip_suffix(extension).and_then(|name| name.strip_prefix(&recipe[..DIGITS]));
+        let Some(content) = of_recipe.and_then(|name| name.strip_prefix('-')) else { continue };
+        let path = entry.path();
+        match open(&path, content) {
+            Ok(found) => return Some(found),
+            Err(Unusable::Unreadable) => {}
+            Err(Unusable::Bad(problem)) => {
+                log_line(format!("note: {} cannot be used ({problem}); {instead}", path.display()));
+                // If the removal fails, the next look-up prints the note again.
+                let _ = std::fs::remove_file(&path);
+            }
+        }
+    }
+    None
+}
+
+/// Name of the entry of `recipe` with the content of digest `content`.
+fn entry_name(recipe: &str, content: &str, extension: &str) -> String {
+    format!("{}-{}{extension}", &recipe[..DIGITS], &content[..DIGITS])
+}
+
+/// Digest of the content of an entry, as its name has it.
+fn content_digest(bytes: &[u8]) -> String {
+    blake3::hash(bytes).to_hex()[..DIGITS].to_owned()
 }
 
 /// Whether an error is one of writing, not of tracing.
@@ -194,7 +228,7 @@ fn open(path: &Path, content: &str, recipe: &str, wavelength_nm: f64) -> Result<
 fn store(dir: &Path, recipe: &str, write_band: WriteBand<'_>) -> Result<LensPack> {
     let temp = dir.join(format!("{}.zip", durable::temp_name()));
     let stored = write(&temp, recipe, write_band).and_then(|sealed| {
-        let name = format!("{}-{}{EXTENSION}", &recipe[..DIGITS], &sealed.digest()[..DIGITS]);
+        let name = entry_name(recipe, sealed.digest(), EXTENSION);
         // Opened before the rename: after it another process may remove the file.
         let pack = LensPack::open_hashed(sealed)?;
         std::fs::rename(&temp, dir.join(name))?;

@@ -2,8 +2,7 @@
 //!
 //! Files are named `RECIPE-CONTENT.ghosts` as the bands beside them. A line of JSON (the recipe and the notes of the band), then the values of the operator, f32, little-endian.
 
-use super::{Cache, DIGITS, directory, prepare};
-use crate::progress::log_line;
+use super::{Cache, Unusable, content_digest, directory, entry_name, find_entry, prepare};
 use anyhow::{Context, Result};
 use formats::durable::{AtomicFile, read_file_at_most};
 use pipeline::design::System;
@@ -46,26 +45,9 @@ impl Cache {
 
     /// Ghosts of `recipe` on rings of `sizes`. A damaged entry is removed with a note.
     pub fn find_ghosts(&self, recipe: &str, sizes: RingSizes) -> Option<CachedGhosts> {
-        for entry in std::fs::read_dir(&self.dir).ok()?.flatten() {
-            let name = entry.file_name().to_string_lossy().into_owned();
-            let content = name
-                .strip_suffix(EXTENSION)
-                .and_then(|n| n.strip_prefix(&recipe[..DIGITS])?.strip_prefix('-'));
-            let Some(content) = content else { continue };
-            let path = entry.path();
-            match read(&path, content, recipe, sizes) {
-                Some(found) => return Some(found),
-                None => {
-                    log_line(format!(
-                        "note: {} cannot be used (it is damaged); its ghosts are traced again",
-                        path.display()
-                    ));
-                    // If the removal fails, the next look-up prints the note again.
-                    let _ = std::fs::remove_file(&path);
-                }
-            }
-        }
-        None
+        find_entry(&self.dir, recipe, EXTENSION, "its ghosts are traced again", |path, content| {
+            read(path, content, recipe, sizes).ok_or_else(Unusable::damaged)
+        })
     }
 
     /// Stores the ghosts of `recipe`.
@@ -76,22 +58,18 @@ impl Cache {
         let mut bytes = json!({ "recipe": recipe, "notes": ghosts.notes }).to_string().into_bytes();
         bytes.push(b'\n');
         bytes.extend(ghosts.operator.values.iter().flat_map(|v| v.to_le_bytes()));
-        let path = self.dir.join(format!("{}-{}{EXTENSION}", &recipe[..DIGITS], digest(&bytes)));
+        let path = self.dir.join(entry_name(recipe, &content_digest(&bytes), EXTENSION));
         let file = AtomicFile::create(&path)?;
         file.writer().write_all(&bytes).with_context(|| format!("writing {}", path.display()))?;
         Ok(file.finish()?)
     }
 }
 
-fn digest(bytes: &[u8]) -> String {
-    blake3::hash(bytes).to_hex()[..DIGITS].to_owned()
-}
-
 fn read(path: &Path, content: &str, recipe: &str, sizes: RingSizes) -> Option<CachedGhosts> {
     let values = (sizes.orders() + 1) * sizes.rings * sizes.source_rings;
     let limit = 4 * values + MAX_LINE;
     let bytes = read_file_at_most(path, limit as u64).ok()??;
-    if digest(&bytes) != content {
+    if content_digest(&bytes) != content {
         return None;
     }
     let end = bytes.iter().position(|b| *b == b'\n')?;

@@ -2,8 +2,7 @@
 //!
 //! Files are named `RECIPE-CONTENT.nodes.json` as the bands beside them.
 
-use super::{Cache, DIGITS};
-use crate::progress::log_line;
+use super::{Cache, Unusable, content_digest, entry_name, find_entry};
 use anyhow::{Context, Result};
 use formats::durable;
 use pipeline::design::depth::nodes::Placement;
@@ -15,22 +14,10 @@ pub(super) const EXTENSION: &str = ".nodes.json";
 impl Cache {
     /// Nodes of `recipe`. A damaged entry is removed with a note.
     pub fn find_nodes(&self, recipe: &str) -> Option<Placement> {
-        for entry in std::fs::read_dir(&self.dir).ok()?.flatten() {
-            let name = entry.file_name().to_string_lossy().into_owned();
-            let Some(content) = content_of(&name, recipe) else { continue };
-            match read(&entry.path(), content, recipe) {
-                Some(placement) => return Some(placement),
-                None => {
-                    log_line(format!(
-                        "note: {} cannot be used (it is damaged); its depth nodes are determined again",
-                        entry.path().display()
-                    ));
-                    // If the removal fails, the next look-up prints the note again.
-                    let _ = std::fs::remove_file(entry.path());
-                }
-            }
-        }
-        None
+        let again = "its depth nodes are determined again";
+        find_entry(&self.dir, recipe, EXTENSION, again, |path, content| {
+            read(path, content, recipe).ok_or_else(Unusable::damaged)
+        })
     }
 
     /// Stores the nodes of `recipe`. If the directory cannot be written, changes to a temporary directory.
@@ -51,17 +38,9 @@ impl Cache {
     }
 }
 
-/// The digest of the content in the name of an entry of `recipe`.
-fn content_of<'a>(name: &'a str, recipe: &str) -> Option<&'a str> {
-    name.strip_suffix(EXTENSION)?.strip_prefix(&recipe[..DIGITS])?.strip_prefix('-')
-}
-
-fn digest(text: &str) -> String {
-    blake3::hash(text.as_bytes()).to_hex()[..DIGITS].to_owned()
-}
-
 fn read(path: &Path, content: &str, recipe: &str) -> Option<Placement> {
-    let text = std::fs::read_to_string(path).ok().filter(|text| digest(text) == content)?;
+    let text =
+        std::fs::read_to_string(path).ok().filter(|text| content_digest(text.as_bytes()) == content)?;
     let value: Value = serde_json::from_str(&text).ok()?;
     let vergence: Option<Vec<f64>> = value["vergence"].as_array()?.iter().map(Value::as_f64).collect();
     let is_valid = |v: &Vec<f64>| !v.is_empty() && v.windows(2).all(|w| w[0] < w[1]);
@@ -72,7 +51,7 @@ fn read(path: &Path, content: &str, recipe: &str) -> Option<Placement> {
 fn write(dir: &Path, recipe: &str, text: &str) -> std::io::Result<()> {
     let temp = dir.join(durable::temp_name());
     std::fs::write(&temp, text)?;
-    let name = format!("{}-{}{EXTENSION}", &recipe[..DIGITS], digest(text));
+    let name = entry_name(recipe, &content_digest(text.as_bytes()), EXTENSION);
     std::fs::rename(&temp, dir.join(name)).inspect_err(|_| {
         // The first error is returned.
         let _ = std::fs::remove_file(&temp);

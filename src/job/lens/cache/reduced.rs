@@ -2,8 +2,8 @@
 //!
 //! Files are named `RECIPE-CONTENT.reduced` as the bands beside them: a line with RECIPE, then the means, f32, little-endian, row by row.
 
-use super::DIGITS;
-use crate::progress::{detail_line, log_line};
+use super::{DIGITS, Unusable, entry_name, find_entry};
+use crate::progress::detail_line;
 use formats::durable::{fault_point, temp_name};
 use pipeline::geometry::Size;
 use pipeline::reduced_chart::ReducedChart;
@@ -19,26 +19,14 @@ const BLOCK_BYTES: usize = 1 << 16;
 
 /// The reduced chart of `recipe` of a chart of `chart` px in cells of `side` px. A damaged entry is removed with a note.
 pub fn find(dir: &Path, recipe: &str, chart: Size, side: usize) -> Option<ReducedChart> {
-    for entry in std::fs::read_dir(dir).ok()?.flatten() {
-        let name = entry.file_name().to_string_lossy().into_owned();
-        let of_recipe = name.strip_suffix(EXTENSION).and_then(|name| name.strip_prefix(&recipe[..DIGITS]));
-        let Some(content) = of_recipe.and_then(|name| name.strip_prefix('-')) else { continue };
-        let path = entry.path();
-        match read(&path, content, recipe, ReducedChart::cells(chart, side).pixels()) {
-            Ok(Some(values)) => return Some(ReducedChart::of_values(chart, side, values)),
-            Ok(None) => {
-                log_line(format!(
-                    "note: {} cannot be used (it is damaged); the chart is read again",
-                    path.display()
-                ));
-                // If the removal fails, the next look-up prints the note again.
-                let _ = std::fs::remove_file(&path);
-            }
-            // Removed by another process, or not readable: the chart is read.
-            Err(_) => {}
+    let count = ReducedChart::cells(chart, side).pixels();
+    let values = find_entry(dir, recipe, EXTENSION, "the chart is read again", |path, content| {
+        match read(path, content, recipe, count) {
+            Ok(values) => values.ok_or_else(Unusable::damaged),
+            Err(_) => Err(Unusable::Unreadable),
         }
-    }
-    None
+    })?;
+    Some(ReducedChart::of_values(chart, side, values))
 }
 
 /// Stores the reduced chart of `recipe`. What cannot be stored is computed again by the next run.
@@ -49,7 +37,7 @@ pub fn insert(dir: &Path, recipe: &str, reduced: &ReducedChart) {
     let temp = dir.join(temp_name());
     let stored = write(&temp, recipe, reduced.values()).and_then(|content| {
         fault_point("reduced-chart-written");
-        std::fs::rename(&temp, dir.join(format!("{}-{content}{EXTENSION}", &recipe[..DIGITS])))
+        std::fs::rename(&temp, dir.join(entry_name(recipe, &content, EXTENSION)))
     });
     if let Err(error) = stored {
         detail_line(format!("a reduced chart cannot be stored in {}: {error}", dir.display()));
