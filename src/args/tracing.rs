@@ -123,6 +123,12 @@ impl TracingArgs {
         "--band-samples",
     ];
 
+    /// Whether a film has tails of a lens that has them: it is asked for, with the PSF stage (`has_psfs`), without surfaces at several distances (`has_depth`),
+    /// and a band is one wavelength.
+    pub fn admits_tails(&self, has_psfs: bool, has_depth: bool) -> bool {
+        self.tails && has_psfs && !has_depth && self.integrated_bands().is_none()
+    }
+
     /// `--band-samples` for more than one wavelength.
     pub fn integrated_bands(&self) -> Option<BandSamplesArg> {
         self.band_samples.filter(|bands| bands.count > 1)

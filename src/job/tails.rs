@@ -9,11 +9,10 @@ use crate::job::lens::{JobLens, UntracedLens};
 use crate::progress::{number, plural};
 use anyhow::Result;
 use formats::film::{FilmLayer, FilmSpec};
-use pipeline::band::BandPlan;
 use pipeline::flow::SourceSinkError;
 use pipeline::layer::{BinGrid, Taps};
 use pipeline::stage::Stage;
-use pipeline::tails::{ChartCells, MAX_BIN_PX, TAIL_MARGIN_BINS};
+use pipeline::tails::{ChartCells, MAX_BIN_PX, TAIL_MARGIN_BINS, TailPlan};
 use serde_json::json;
 
 /// Name of the layer.
@@ -26,17 +25,12 @@ pub struct JobTail {
     making_s: f64,
 }
 
-/// Whether the film of `args` has tails: they are asked for, it has the PSF stage, no surfaces at several distances and no --band-samples, and `lens` is a design or a pack
-/// with tails. It belongs to the identity of a job.
+/// Whether the film of `args` has tails: the job admits them, and `lens` is a design or a pack with tails. It belongs to the identity of a job.
 ///
 /// # Errors
 /// Usage: a crop of PSF windows.
 pub fn has_tails(args: &RunArgs, has_depth: bool, lens: &UntracedLens) -> Result<bool> {
-    if !args.tracing.tails || !args.stages.contains(&Stage::Svpsf) {
-        return Ok(false);
-    }
-    let has_tails = !has_depth
-        && args.tracing.integrated_bands().is_none()
+    let has_tails = args.tracing.admits_tails(args.stages.contains(&Stage::Svpsf), has_depth)
         && match lens {
             UntracedLens::Design(_) => true,
             UntracedLens::Pack(pack) => {
@@ -67,7 +61,8 @@ impl JobTail {
             false => vec![MAX_BIN_PX; bands],
         };
         for (band, plan) in std::iter::zip(&inputs.film_bands, &plan.bands) {
-            bin_px[*band] = bin_of(plan);
+            // Any of a band without tails.
+            bin_px[*band] = plan.tail.as_ref().map_or(MAX_BIN_PX, TailPlan::bin_px);
         }
         let stored = FilmLayer {
             name: NAME.into(),
@@ -84,11 +79,6 @@ impl JobTail {
 /// Bins of the layer of tails of `film` by band, film pixels; empty without one.
 pub fn tail_bins_px(film: &FilmSpec) -> Vec<usize> {
     film.layers.iter().find(|layer| layer.name == NAME).map_or(Vec::new(), |layer| layer.bin_px.clone())
-}
-
-/// Side of the bins of a band, film pixels; any if it has no tail.
-fn bin_of(plan: &BandPlan) -> usize {
-    plan.tail.as_ref().map_or(MAX_BIN_PX, |tail| tail.bin_px())
 }
 
 impl JobLayer for JobTail {

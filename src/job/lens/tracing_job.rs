@@ -53,8 +53,8 @@ pub(super) struct TracingJob<'a> {
 impl TracingJob<'_> {
     /// Whether its bands have tails.
     pub(super) fn has_tails(&self) -> bool {
-        let asked = self.tracing.is_some_and(|tracing| tracing.tails);
-        asked && self.depth.is_none() && self.bands.is_none() && self.options.stages.has(Stage::Svpsf)
+        let has_psfs = self.options.stages.has(Stage::Svpsf);
+        self.tracing.is_some_and(|tracing| tracing.admits_tails(has_psfs, self.depth.is_some()))
     }
 
     /// Plan of the band at `nm` with `lens`.
