@@ -45,14 +45,6 @@ impl<'a> Arguments<'a> {
             ));
         }
         let stages = stages(given);
-        let flat_only = described(stages).find(|stage| !stage.with_depth);
-        if let Some(stage) = flat_only.filter(|_| has_depth) {
-            let switch = if stage.flags.is_empty() { "--stages" } else { stage.flags };
-            return Err(usage(format!(
-                "the stage {} ({switch}) is not computed for surfaces at several distances; leave it out, or give --depth none",
-                stage.name
-            )));
-        }
         let film = film_engine::existing(&given.film, given.process.overwrite)?;
         let film_engine = film.as_ref().and_then(film_engine::recorded);
         let check_input = given.check_input || film.as_ref().is_some_and(has_content_digest);

@@ -29,8 +29,6 @@ pub struct Description {
     pub always_in_identity: bool,
     /// Whether GPUs compute it; else a job with it is computed on the CPU.
     pub on_gpus: bool,
-    /// Whether it is computed for surfaces at several distances, too; else a job with both is an error.
-    pub with_depth: bool,
     /// Film pixels around a tile that its light reaches: rows of film that are in memory. The margin of tiles is that of the PSF (`tiling`).
     pub reach_px: fn(&BandPlan) -> usize,
     /// Bytes of one worker's scratch.
@@ -62,7 +60,6 @@ pub static DESCRIPTIONS: [Description; 4] = [
         flags: "",
         always_in_identity: true,
         on_gpus: true,
-        with_depth: true,
         reach_px: |plan| plan.depth.as_ref().map_or(plan.tiling.margin(), |depth| depth.reach),
         scratch_bytes: |plan| {
             plan.blocks.map_or(0, |blocks| memory::scratch_bytes(&blocks, plan.lens.psf_size))
@@ -100,7 +97,6 @@ const OF_REMAP: Description = Description {
     flags: "",
     always_in_identity: true,
     on_gpus: true,
-    with_depth: true,
     reach_px: |_| 0,
     scratch_bytes: |_| 0,
     table_bytes: |_| 0,
