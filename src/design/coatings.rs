@@ -95,19 +95,19 @@ impl DesignCoatings {
             .collect();
         found.sort();
         let same_case = found.iter().position(|path| path.file_name().is_some_and(|n| n == name.as_str()));
-        match (&found[..], same_case) {
-            ([], _) => Ok(CoatingFile::default()),
-            ([path], _) => read(path, primary_um).with_context(|| format!("reading {}", path.display())),
-            (_, Some(k)) => {
-                let path = &found[k];
-                read(path, primary_um).with_context(|| format!("reading {}", path.display()))
+        let path = match (&found[..], same_case) {
+            ([], _) => return Ok(CoatingFile::default()),
+            ([path], _) => path,
+            (_, Some(k)) => &found[k],
+            ([first, second, ..], None) => {
+                return Err(usage(format!(
+                    "the design names the coating file {name}, and {} and {} differ in letters' case alone: give one of them to --coatings, or rename one",
+                    first.display(),
+                    second.display()
+                )));
             }
-            ([first, second, ..], None) => Err(usage(format!(
-                "the design names the coating file {name}, and {} and {} differ in letters' case alone: give one of them to --coatings, or rename one",
-                first.display(),
-                second.display()
-            ))),
-        }
+        };
+        read(path, primary_um).with_context(|| format!("reading {}", path.display()))
     }
 }
 

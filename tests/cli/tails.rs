@@ -185,12 +185,8 @@ fn film_bytes_do_not_depend_on_threads_memory_or_regions() {
     assert!(first.contains_key(Path::new("veil_tail/c/1/0/0")), "{:?}", first.keys());
     assert!(run("small", &["--memory", "512MiB"]) == first);
     for threads in ["1", "7"] {
-        let mut command = job.command(&job.at(threads), "", &[]);
-        let words: Vec<String> = command.get_args().map(|a| a.to_string_lossy().into_owned()).collect();
-        let at = words.iter().position(|w| w == "--threads").unwrap() + 1;
-        let words = words.iter().enumerate().map(|(i, w)| if i == at { threads } else { w });
-        command = std::process::Command::new(env!("CARGO_BIN_EXE_lenscube"));
-        CommandResult::new(&command.args(words).output().unwrap()).ok();
+        let mut command = job.command_on(threads, &job.at(threads), &[]);
+        CommandResult::new(&command.output().unwrap()).ok();
         assert!(files(&job.at(threads)) == first, "{threads} threads");
     }
     let (size, whole) = pixels(&job.at("first"), "film");

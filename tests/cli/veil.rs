@@ -160,21 +160,11 @@ fn film_bytes_do_not_depend_on_threads_or_memory() {
     };
     let first = run("first", &[]);
     assert!(first.contains_key(Path::new("veil/c/1/0/0")), "{:?}", first.keys());
-    for (name, flags) in [
-        ("one", ["--memory", "512MiB", "--threads", "1"]),
-        ("seven", ["--memory", "4GiB", "--threads", "7"]),
-        ("two", ["--memory", "4GiB", "--threads", "2"]),
-    ] {
-        // The later --threads of the two is that of the job; both are given once per run.
-        let mut command = job.command(&job.at(name), "", &VEIL);
-        let words: Vec<String> = command.get_args().map(|a| a.to_string_lossy().into_owned()).collect();
-        let at = words.iter().position(|w| w == "--threads").unwrap();
-        let others =
-            words.iter().enumerate().filter(|(i, _)| *i != at && *i != at + 1).map(|(_, w)| w.clone());
-        let all: Vec<String> = others.chain(flags.map(str::to_owned)).collect();
-        command = std::process::Command::new(env!("CARGO_BIN_EXE_lenscube"));
-        CommandResult::new(&command.args(&all).output().unwrap()).ok();
-        assert!(files(&job.at(name)) == first, "{flags:?}");
+    for (threads, memory) in [("1", "512MiB"), ("7", "4GiB"), ("2", "4GiB")] {
+        let flags = [&VEIL[..], &["--memory", memory]].concat();
+        let mut command = job.command_on(threads, &job.at(threads), &flags);
+        CommandResult::new(&command.output().unwrap()).ok();
+        assert!(files(&job.at(threads)) == first, "{threads} threads, {memory}");
     }
 }
 

@@ -115,6 +115,17 @@ impl TestJob {
         command
     }
 
+    /// [`TestJob::command`] on `threads` threads in place of its own number.
+    pub fn command_on(&self, threads: &str, film: &Path, flags: &[&str]) -> Command {
+        let command = self.command(film, "", flags);
+        let words: Vec<String> = command.get_args().map(|a| a.to_string_lossy().into_owned()).collect();
+        let at = words.iter().position(|w| w == "--threads").unwrap() + 1;
+        let words = words.iter().enumerate().map(|(i, w)| if i == at { threads } else { w });
+        let mut command = Command::new(env!("CARGO_BIN_EXE_lenscube"));
+        command.args(words);
+        command
+    }
+
     /// `lenscube plan` of `film`.
     pub fn plan(&self, film: &Path, flags: &[&str]) -> Command {
         let mut command = Command::new(env!("CARGO_BIN_EXE_lenscube"));

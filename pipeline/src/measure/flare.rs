@@ -75,20 +75,22 @@ impl Flare {
         Self { centre_px, radius_px, ring_px, rings, inside: (0.0, 0), outside: (0.0, 0), levels }
     }
 
-    /// Adds the finite `value` of the pixel at row `y`, column `x`.
-    pub fn add(&mut self, y: f64, x: f64, value: f32) {
+    /// Adds the finite `value` of the pixel at row `y`, column `x`; whether it is in the lamp's image.
+    pub fn add(&mut self, y: f64, x: f64, value: f32) -> bool {
         let distance = length(y - self.centre_px.0, x - self.centre_px.1);
         let count = |sum: &mut (f64, u64)| *sum = (sum.0 + f64::from(value), sum.1 + 1);
         if let Some(ring) = self.rings.get_mut((distance / self.ring_px) as usize) {
             count(ring);
         }
-        match distance <= self.radius_px {
+        let is_inside = distance <= self.radius_px;
+        match is_inside {
             true => count(&mut self.inside),
             false => {
                 count(&mut self.outside);
                 self.levels[step(value)] += 1;
             }
         }
+        is_inside
     }
 
     /// Pixels inside and outside the radius.

@@ -101,7 +101,7 @@ pub fn flare(
     name: Name,
     lamp: Lamp,
     white_area: Option<Rect>,
-    map: Option<&mut FlareMap>,
+    mut map: Option<&mut FlareMap>,
 ) -> Result<Measurement> {
     let size = plane.size();
     let mut remarks = Vec::new();
@@ -121,15 +121,12 @@ pub fn flare(
         )));
     }
     let mut flare = Flare::new(lamp.centre_px, lamp.radius_px, size);
-    let mut map = map;
     let mut saturated = 0u64;
     for top in (0..size.height).step_by(ROWS) {
         let rect = Rect::new(top as i64, 0, ROWS.min(size.height - top), size.width);
         let pixels = plane.read(rect, "the flare")?;
         for (y, x, value) in pixels.values() {
-            let (row, column) = (y as f64, x as f64);
-            flare.add(row, column, value);
-            let is_lamp = (row - lamp.centre_px.0).hypot(column - lamp.centre_px.1) <= lamp.radius_px;
+            let is_lamp = flare.add(y as f64, x as f64, value);
             saturated += u64::from(is_lamp && pixels.is_saturated(value));
             if let Some(map) = &mut map {
                 map.add(y as usize, x as usize, value);

@@ -54,14 +54,19 @@ impl FilmMaker {
         rects: &[Rect],
         full_band: Option<usize>,
     ) -> Result<RegionPixels> {
+        self.with_temporary(|path| self.film_at(path, chart, stages, rects, full_band))
+    }
+
+    /// What `make` makes of a film at the path that it gets, which is removed.
+    fn with_temporary<T>(&self, make: impl FnOnce(&Path) -> Result<T>) -> Result<T> {
         // A temporary name: after a kill the next run in this directory removes the film.
         let path = self.dir.join(temp_name());
-        let pixels = self.film_at(&path, chart, stages, rects, full_band);
+        let made = make(&path);
         let removed = FilmStore::remove(&path);
         // An error of the run comes before one of the removal.
-        let pixels = pixels?;
+        let made = made?;
         removed?;
-        Ok(pixels)
+        Ok(made)
     }
 
     fn film_at(
@@ -130,14 +135,13 @@ impl FilmMaker {
         (band, veil): (usize, VeilArgs),
         rects: &[Rect],
     ) -> Result<VeiledFilm> {
-        let path = self.dir.join(temp_name());
-        let made = || -> Result<VeiledFilm> {
-            self.run(&path, chart, stages, (Some(band), veil), rects)?;
+        self.with_temporary(|path| {
+            self.run(path, chart, stages, (Some(band), veil), rects)?;
             let read = |(i, rect): (usize, &Rect)| {
-                Ok(read_region(&path, &format!("roi_{i}"), rect.size().rect())?.swap_remove(0))
+                Ok(read_region(path, &format!("roi_{i}"), rect.size().rect())?.swap_remove(0))
             };
             let regions = rects.iter().enumerate().map(read).collect::<Result<_>>()?;
-            let store = FilmStore::open(&path, false)?;
+            let store = FilmStore::open(path, false)?;
             let layer = store.read_layer(0, 0)?.context("the film has no layer")?;
             let grid = store.spec().layer_grid(0, 0);
             let (bins, area) = (grid.bins(), (grid.bin_px * grid.bin_px) as f64);
@@ -145,12 +149,7 @@ impl FilmMaker {
             let of_film = rows.flat_map(|row| &row[grid.margin..][..bins.width]);
             let sum: f64 = of_film.map(|coefficient| f64::from(*coefficient)).sum();
             Ok(VeiledFilm { regions, layer_sum: area * sum, layer_px2: area * bins.pixels() as f64 })
-        };
-        let film = made();
-        let removed = FilmStore::remove(&path);
-        let film = film?;
-        removed?;
-        Ok(film)
+        })
     }
 }
 

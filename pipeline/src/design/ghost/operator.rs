@@ -273,7 +273,7 @@ mod tests {
 
     /// 55 paths, 230,000 rays each: 30 core seconds.
     #[test]
-    #[ignore = "long: 30 core seconds"]
+    #[ignore = "long: 260 core seconds"]
     fn scene_of_two_sources_equals_a_direct_sum_over_rays_of_a_double_gauss() {
         for coating in [Coating::Bare, Coating::quarter_wave("MgF2", 1.38, 0.55)] {
             for rings in [64, 128] {
