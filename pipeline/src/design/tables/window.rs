@@ -42,11 +42,14 @@ const SPARE_UM: f64 = 16.0;
 const FINE_UM: f64 = 2.0;
 
 /// Least windows of bands with tails, film pixels: bins have 4 px on films of pixels up to a step of pitch larger; on large pixels, of which films
-/// have few, 2 px.
+/// have few, 2 px; where that takes few more pixels, 8 px.
 pub const LEAST_TAIL_WINDOW_PX: usize = 27;
 const LEAST_COARSE_PX: usize = 15;
+const LEAST_LARGE_PX: usize = 41;
 /// Windows below which pixels are large.
 const COARSE_PX: usize = 11;
+/// Windows from which on bins have 8 px: tails then take less time by more than the PSFs take more.
+const LARGE_PX: usize = 31;
 
 /// Windows of a band, odd numbers of film pixels.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -147,7 +150,11 @@ pub(super) fn for_tails(options: &TraceOptions, px: usize, blur_um: f64, pitch_u
     let film = options.film_pitch_um;
     // Half a window of `CLEAR` blurs is a whole number of samples.
     let clear = 2 * ((CLEAR * blur_um + pitch_um) / film).ceil() as usize + 1;
-    let least = if px < COARSE_PX { LEAST_COARSE_PX } else { LEAST_TAIL_WINDOW_PX };
+    let least = match px.max(clear) {
+        LARGE_PX.. => LEAST_LARGE_PX,
+        _ if px < COARSE_PX => LEAST_COARSE_PX,
+        _ => LEAST_TAIL_WINDOW_PX,
+    };
     let wanted = px.max(clear).max(least);
     // Four times the samples at most: on pixels of 50 µm, with windows of 3 px, tracing would take seven times as long.
     let limit = odd_pixels(max_side(options), pitch_um, film).min(options.max_window_px).min(2 * px);
