@@ -189,6 +189,13 @@ impl TileBuffer {
     }
 }
 
+/// `n` zeros, written: a page of a buffer that begins as zeros of the system and is read before it is written has two faults.
+pub(crate) fn zeros(n: usize) -> Vec<f32> {
+    let mut buffer = Vec::with_capacity(n);
+    buffer.resize(n, 0.0);
+    buffer
+}
+
 /// Resizes a buffer, discarding its values, without spare capacity: its size is part of the memory plan.
 pub(crate) fn resize_exact(buffer: &mut Vec<f32>, n: usize) {
     if buffer.capacity() < n {

@@ -27,8 +27,7 @@ pub mod kernel;
 pub mod memory;
 pub mod polar;
 pub mod portable;
-#[cfg(target_arch = "x86_64")]
-mod simd;
+pub(crate) mod simd;
 pub mod spectra;
 pub(crate) mod spline;
 

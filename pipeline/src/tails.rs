@@ -8,20 +8,23 @@
 //! T, B and c are those of [`crate::lens::tail`], R half a side of the PSF window, φ₀ the azimuth of the field point, r and φ from its chief ray. B has
 //! a smooth part inside its radius, so T_l vanishes beyond R_{l+1} and varies over R_l: level l has bins of b_l = 4^l b film pixels, b the largest power
 //! of two up to R/2.5, at most [`MAX_BIN_PX`] ([`plan`]). The kernels of all levels but the first are the same arrays but for a factor of each power law. What
-//! is left of T after the last level, whose radius exceeds the film's diagonal, is spread evenly. Level 0 has two to three bins in its radius and is interpolated
-//! within 10 % of T there, beside a kernel K that is many times larger; the others have five or a few more (g is the least that gives them) and are within 2 %.
+//! is left of T after the last level, whose radius exceeds the film's diagonal, is spread evenly. Level 0 has two to three bins in its radius, the others have five or a
+//! few more (g is the least that gives them).
 //!
 //! U: four-tap cubic Lagrange interpolation from the centres of bins, u = (x + ½)/b − ½; Uᵀ, its transpose, puts light into bins so that moments up to
-//! the third are kept. L_0 is computed from samples of the light at half bins ([`light`]), read from the chart on cells of their size (`cells`). The convolution of a level is that of the PSF stage with the
-//! node kernels T_l at [`AZIMUTHS`] azimuths of each height of the table ([`levels`]), by the portable engine in f32: the same bits on every host.
+//! the third are kept. On average over the places of a bin each U and each Uᵀ takes 11/720 b⁴ (∂⁴/∂x⁴ + ∂⁴/∂y⁴) T from T; the kernels have that added, as fourth differences. L_0 is computed from samples of the light at half bins ([`light`]), read from the chart on cells of their size (`cells`). The convolution of a level is that of the PSF stage with the
+//! node kernels T_l at [`AZIMUTHS`] azimuths of as many heights as linear interpolation of T within 1 % needs (`convolution`), in f32: the same bits on every host.
 //! Surroundings of the film that a level's kernels reach are part of its light.
 //!
 //! Light is conserved: the kernels K of a height have the sum 1 − Σ_j c_0j Σ_l Σ_bins b_l² B_0j, that of the sums on the bins. A uniform
 //! remapped image and surround stays uniform but for the change of T with the height.
 //!
-//! Errors of half planes and discs, of white: see `model.md`, tails. Left out: fringes beyond the window; change of c between nodes other than linear.
+//! Errors of half planes and discs, of white, and of points: see `model.md`, tails. Of a single pixel near a point: up to 15 % of T between one and two radii on bins of R/2.5.
+//! Left out: fringes beyond the window; change of c between nodes other than linear.
 
 mod cells;
+mod convolution;
+mod lanes;
 pub mod levels;
 pub mod light;
 pub mod plan;

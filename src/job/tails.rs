@@ -108,15 +108,10 @@ impl JobLayer for JobTail {
             return Ok(vec![0.0; BinGrid::new(frame.film, MAX_BIN_PX, TAIL_MARGIN_BINS).size().pixels()]);
         };
         let surround = options.interpolation.surround;
-        let cells = ChartCells::read(
-            band.chart,
-            band.chart_band,
-            tail.cells_px(frame),
-            surround,
-            threads,
-            band.cancel,
-        )?;
-        Ok(tail.layer(frame, &plan.lens, options, band.gain * band.remaining, &cells, threads))
+        let chart = (band.chart, band.chart_band);
+        let sides = tail.cells_px(frame);
+        let cells = ChartCells::read(chart, sides, surround, options.simd, threads, band.cancel)?;
+        Ok(tail.layer(frame, &plan.lens, options, band.gain * band.remaining, cells, threads))
     }
 }
 

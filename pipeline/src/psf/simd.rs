@@ -33,7 +33,7 @@ use fft::Fft;
 
 /// Transforms of one FFT size, one column per lane of `V`.
 #[derive(Debug)]
-pub(super) struct Columns<V: Lanes> {
+pub(crate) struct Columns<V: Lanes> {
     dispatch: Dispatch<V>,
     fft: usize,
     half: usize,
@@ -47,7 +47,7 @@ pub(super) struct Columns<V: Lanes> {
 
 /// Buffers of one worker.
 #[derive(Debug)]
-pub(super) struct Scratch {
+pub(crate) struct Scratch {
     packed: AlignedBuf,
     extents: Vec<PanelExtent>,
     /// r and θ of a block near the axis.
@@ -60,7 +60,7 @@ pub(super) struct Scratch {
 
 impl<V: Lanes> Columns<V> {
     /// Plans the transforms of `blocks`; `simd` selects the instructions of `V`.
-    pub(super) fn new(blocks: &Blocks, simd: Simd) -> Self {
+    pub(crate) fn new(blocks: &Blocks, simd: Simd) -> Self {
         let dispatch = Dispatch::new(simd);
         let (fft, half) = (blocks.fft, blocks.fft / 2);
         assert!(half.is_multiple_of(V::LANES), "FFT sizes are multiples of 32");
@@ -81,12 +81,12 @@ impl<V: Lanes> Columns<V> {
     }
 
     /// Length of one spectrum in f32.
-    pub(super) fn spectrum_len(&self) -> usize {
+    pub(crate) fn spectrum_len(&self) -> usize {
         self.fft * self.half * 2
     }
 
     /// Buffers for one worker.
-    pub(super) fn scratch(&self) -> Scratch {
+    pub(crate) fn scratch(&self) -> Scratch {
         let panels = self.block.div_ceil(V::LANES);
         let empty = PanelExtent { nonzero: false, r: (0.0, 0.0), theta: (0.0, 0.0) };
         Scratch {
@@ -101,7 +101,7 @@ impl<V: Lanes> Columns<V> {
     }
 
     /// Spectrum of a kernel (window × window) whose first sample is at the origin, in the memory of `buffer`.
-    pub(super) fn spectrum(&self, kernel: &[f32], s: &mut Scratch, buffer: AlignedBuf) -> AlignedBuf {
+    pub(crate) fn spectrum(&self, kernel: &[f32], s: &mut Scratch, buffer: AlignedBuf) -> AlignedBuf {
         let (n, lanes) = (self.window, V::LANES);
         let norm = 2.0 / (self.fft * self.fft) as f32;
         let mut spectrum = buffer;
@@ -129,7 +129,7 @@ impl<V: Lanes> Columns<V> {
     /// Adds the contribution of one block of the remapped image to `out`: `rows + window − 1` rows of `cols + window − 1` values,
     /// rounded up to complete panels. The first value of `out` is the film pixel (window − 1)/2 above and left of the block's first
     /// pixel.
-    pub(super) fn scatter(
+    pub(crate) fn scatter(
         &self,
         block: &BlockView<'_>,
         grid: &NodeGrid,

@@ -39,11 +39,11 @@ pub(crate) trait Lanes:
     fn splat(v: f32) -> Self;
     /// 0, 1, 2, …
     fn iota() -> Self;
-    /// self·b + c, rounded once.
+    /// self·b + c, rounded once but by registers that say otherwise.
     fn mul_add(self, b: Self, c: Self) -> Self;
-    /// self·b − c, rounded once.
+    /// self·b − c, rounded likewise.
     fn mul_sub(self, b: Self, c: Self) -> Self;
-    /// c − self·b, rounded once.
+    /// c − self·b, rounded likewise.
     fn neg_mul_add(self, b: Self, c: Self) -> Self;
     /// |self|.
     fn abs(self) -> Self;

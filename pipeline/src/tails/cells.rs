@@ -11,12 +11,15 @@
 //! Rows of the chart are summed in strips, in f32, each strip in the same order by one thread; a cell has parts of at most two strips, so the bits do not
 //! depend on the number of threads. Each chart pixel is read once, in rectangles of at most 512 px squared that begin at multiples of it.
 
+use super::lanes::{AddRows, Interpolate, Places};
 use crate::flow::{ChartSource, SourceSinkError};
 use crate::geometry::{Rect, Size};
 use crate::layer::Taps;
 use crate::parts::for_each_part;
 use crate::reduced_chart::Stopped;
 use crate::resample::Surround;
+use crate::simd::lanes::MAX_LANES;
+use crate::simd::{Simd, UnfusedOp};
 use std::sync::Mutex;
 use std::sync::atomic::{AtomicBool, Ordering};
 
@@ -37,8 +40,28 @@ pub struct ChartCells {
     values: Vec<f32>,
 }
 
-/// Cells and their weights of each chart pixel along an axis.
-type PixelWeights = Vec<Vec<(u32, f32)>>;
+/// The chart pixels of a cell along an axis: the first, and the weight of each from there on.
+#[derive(Clone, Debug, Default)]
+struct CellWeights {
+    first: usize,
+    weights: Vec<f32>,
+}
+
+impl CellWeights {
+    /// One past the last pixel.
+    fn end(&self) -> usize {
+        self.first + self.weights.len()
+    }
+
+    /// The weights of the pixels from `from` to `to` that it has, and the first of these pixels.
+    fn within(&self, from: usize, to: usize) -> (usize, &[f32]) {
+        let (from, to) = (from.max(self.first), to.min(self.end()));
+        if from >= to {
+            return (from, &[]);
+        }
+        (from, &self.weights[from - self.first..to - self.first])
+    }
+}
 
 /// Cells along one axis of the chart.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -55,29 +78,49 @@ impl CellAxis {
         self.pixels.div_ceil(self.side) + 2 * MARGIN
     }
 
-    /// The weights of the chart pixels: for each, cells and their weights. A pixel that surroundings repeat has those of its copies too.
-    fn weights(&self, surround: Surround) -> PixelWeights {
+    /// The chart pixels of each cell. Pixels that surroundings repeat have the weights of their copies too.
+    fn weights(&self, surround: Surround) -> Vec<CellWeights> {
         let reach = match surround {
             Surround::Black => 0,
             Surround::Edge | Surround::Mirror => (REACH * self.side) as i64,
         };
-        let (n, side, cells) = (self.pixels, self.side as f64, self.cells());
-        let mut all: Vec<Vec<(u32, f64)>> = vec![Vec::with_capacity(4); n];
+        let (n, side) = (self.pixels, self.side as f64);
+        // Pixels of each cell in the order of their places, several times if surroundings repeat them.
+        let mut all: Vec<Vec<(usize, f64)>> = vec![Vec::new(); self.cells()];
         for place in -reach..n as i64 + reach {
             let Some(pixel) = surround.index(place, n) else { continue };
             let u = (place as f64 + 0.5) / side - 0.5;
             let cell = u.floor();
             for (tap, w) in Taps::Lagrange.weights(u - cell).into_iter().enumerate() {
                 let to = cell as i64 - 1 + tap as i64 + MARGIN as i64;
-                let Some(to) = u32::try_from(to).ok().filter(|to| (*to as usize) < cells) else { continue };
-                match all[pixel].iter_mut().find(|(cell, _)| *cell == to) {
-                    Some((_, sum)) => *sum += w / side,
-                    None if w != 0.0 => all[pixel].push((to, w / side)),
-                    None => {}
+                let to = usize::try_from(to).ok().and_then(|to| all.get_mut(to));
+                if let (Some(pixels), true) = (to, w != 0.0) {
+                    pixels.push((pixel, w / side));
                 }
             }
         }
-        all.into_iter().map(|taps| taps.into_iter().map(|(cell, w)| (cell, w as f32)).collect()).collect()
+        let gathered = |pixels: Vec<(usize, f64)>| {
+            let of = || pixels.iter().map(|(pixel, _)| *pixel);
+            let (Some(first), Some(last)) = (of().min(), of().max()) else { return CellWeights::default() };
+            let mut sums = vec![0.0; last + 1 - first];
+            pixels.iter().for_each(|(pixel, w)| sums[pixel - first] += w);
+            CellWeights { first, weights: sums.into_iter().map(|w| w as f32).collect() }
+        };
+        all.into_iter().map(gathered).collect()
+    }
+
+    /// Cells per chart pixel.
+    fn per_pixel(&self) -> f64 {
+        1.0 / self.side as f64
+    }
+
+    /// Whether the four cells around the chart coordinate `at` are there, without folding or clamping.
+    fn has(&self, at: f64, surround: Surround) -> bool {
+        let from = match surround {
+            Surround::Mirror => -0.5,
+            Surround::Black | Surround::Edge => -((MARGIN - 2) as f64 * self.side as f64),
+        };
+        (from..=self.pixels as f64 - 1.0 - from).contains(&at)
     }
 
     /// First of the four cells around the chart coordinate `at`, margin included, and their weights.
@@ -105,7 +148,7 @@ impl ChartCells {
         let block = BLOCK_PX * BLOCK_PX.min(chart.width);
         let strip = strip_px(side.0).min(chart.height).div_ceil(side.0) + 2 * REACH;
         let of_thread = 4 * (block + strip * (BLOCK_PX + columns.cells()));
-        let weights = 64 * (chart.height + chart.width);
+        let weights = 96 * (chart.height + chart.width);
         (4 * rows.cells() * columns.cells(), weights + of_thread * threads)
     }
 
@@ -114,21 +157,21 @@ impl ChartCells {
     /// # Errors
     /// Those of `chart`; [`Stopped`].
     pub fn read(
-        chart: &dyn ChartSource,
-        band: usize,
+        (chart, band): (&dyn ChartSource, usize),
         side: (usize, usize),
         surround: Surround,
+        simd: Simd,
         threads: usize,
         cancel: &AtomicBool,
     ) -> Result<Self, SourceSinkError> {
         let (rows, columns) = axes(chart.size(), side);
         let width = columns.cells();
         let (of_rows, of_columns) = (rows.weights(surround), columns.weights(surround));
-        let values = Mutex::new(vec![0f32; rows.cells() * width]);
+        let values = Mutex::new(crate::buffer::zeros(rows.cells() * width));
         for_each_part(
             threads,
             (0..chart.size().height).step_by(strip_px(side.0)),
-            || StripReader::new(chart, band, (&of_rows, &of_columns), width),
+            || StripReader::new((chart, band), simd, (&of_rows, &of_columns)),
             |reader, top| {
                 if cancel.load(Ordering::Relaxed) {
                     return Err(Stopped.into());
@@ -143,6 +186,38 @@ impl ChartCells {
         )?;
         let values = values.into_inner().expect("no panic while held");
         Ok(Self { rows, columns, surround, values })
+    }
+
+    /// The light at chart coordinates (row, column), times a gain (third element), of places 0, 1, … of `out`: polynomials of the place, of which `curve`
+    /// has the coefficients. In f32 where no surroundings need folding.
+    pub(super) fn along(&self, curve: [[f64; 3]; 3], simd: Simd, out: &mut [f32; MAX_LANES]) {
+        let coordinates = |i: usize| -> [f64; 3] {
+            let i = i as f64;
+            std::array::from_fn(|k| curve[0][k] + i * (curve[1][k] + i * curve[2][k]))
+        };
+        let width = self.columns.cells();
+        let mut places = Places::default();
+        let mut has_all = true;
+        for lane in 0..MAX_LANES {
+            let [row, column, gain] = coordinates(lane);
+            has_all &= self.rows.has(row, self.surround) & self.columns.has(column, self.surround);
+            // In cells, positive if they are there.
+            let cell = |axis: &CellAxis, at: f64| (at + 0.5) * axis.per_pixel() + (MARGIN as f64 - 1.5);
+            let (u, v) = (cell(&self.rows, row), cell(&self.columns, column));
+            let (top, down) = parts(u);
+            let (left, across) = parts(v);
+            places.first[lane] = top.wrapping_mul(width as i32).wrapping_add(left);
+            (places.down[lane], places.across[lane]) = (down, across);
+            places.gain[lane] = gain as f32;
+        }
+        if has_all {
+            Interpolate { cells: &self.values, width, places: &places, out }.run_unfused(simd);
+            return;
+        }
+        for (i, to) in out.iter_mut().enumerate() {
+            let [row, column, gain] = coordinates(i);
+            *to = (gain * self.at(row, column)) as f32;
+        }
     }
 
     /// The light at chart coordinates (row, column), pixel centres at integers.
@@ -163,6 +238,14 @@ impl ChartCells {
     }
 }
 
+/// Integer part and fraction, 0 to 1, of `v`, positive and below 2³¹: a sum with 2⁵² is an integer. (A conversion is not vectorised.)
+#[inline(always)]
+fn parts(v: f64) -> (i32, f32) {
+    const TO_INTEGER: f64 = (1u64 << 52) as f64;
+    let integer = (v - 0.5) + TO_INTEGER;
+    (integer.to_bits() as i32, (v - (integer - TO_INTEGER)) as f32)
+}
+
 fn axes(chart: Size, side: (usize, usize)) -> (CellAxis, CellAxis) {
     (CellAxis { pixels: chart.height, side: side.0 }, CellAxis { pixels: chart.width, side: side.1 })
 }
@@ -176,10 +259,9 @@ fn strip_px(side: usize) -> usize {
 struct StripReader<'a> {
     chart: &'a dyn ChartSource,
     band: usize,
+    simd: Simd,
     /// Of the chart's rows and columns.
-    weights: (&'a PixelWeights, &'a PixelWeights),
-    /// Cells of a row.
-    width: usize,
+    weights: (&'a [CellWeights], &'a [CellWeights]),
     pixels: Vec<f32>,
     /// Rows of cells by columns of pixels of a block.
     down: Vec<f32>,
@@ -191,59 +273,69 @@ struct StripReader<'a> {
 
 impl<'a> StripReader<'a> {
     fn new(
-        chart: &'a dyn ChartSource,
-        band: usize,
-        weights: (&'a PixelWeights, &'a PixelWeights),
-        width: usize,
+        (chart, band): (&'a dyn ChartSource, usize),
+        simd: Simd,
+        weights: (&'a [CellWeights], &'a [CellWeights]),
     ) -> Self {
-        Self {
-            chart,
-            band,
-            weights,
-            width,
-            pixels: Vec::new(),
-            down: Vec::new(),
-            first_cell: 0,
-            cells: Vec::new(),
-        }
+        let (pixels, down, cells) = Default::default();
+        Self { chart, band, simd, weights, pixels, down, first_cell: 0, cells }
     }
 
     /// Sums the `height` rows from `top` on.
     fn read(&mut self, top: usize, height: usize) -> Result<(), SourceSinkError> {
-        let of_rows = &self.weights.0[top..top + height];
-        let cells = || of_rows.iter().flatten().map(|(cell, _)| *cell as usize);
-        self.first_cell = cells().min().expect("a row has cells");
-        let count = cells().max().expect("a row has cells") + 1 - self.first_cell;
+        let (of_rows, of_columns) = self.weights;
+        let has_rows = |cell: &CellWeights| !cell.within(top, top + height).1.is_empty();
+        self.first_cell = of_rows.iter().position(has_rows).expect("a row has cells");
+        let last = of_rows.iter().rposition(has_rows).expect("a row has cells");
+        let of_rows = &of_rows[self.first_cell..=last];
         self.cells.clear();
-        self.cells.resize(count * self.width, 0.0);
+        self.cells.resize(of_rows.len() * of_columns.len(), 0.0);
         let chart_width = self.chart.size().width;
         for left in (0..chart_width).step_by(BLOCK_PX) {
             let width = BLOCK_PX.min(chart_width - left);
             self.down.clear();
-            self.down.resize(count * width, 0.0);
-            for row in (0..height).step_by(BLOCK_PX) {
-                let rows = BLOCK_PX.min(height - row);
-                let rect = Rect::new((top + row) as i64, left as i64, rows, width);
+            self.down.resize(of_rows.len() * width, 0.0);
+            for row in (top..top + height).step_by(BLOCK_PX) {
+                let rows = BLOCK_PX.min(top + height - row);
+                let rect = Rect::new(row as i64, left as i64, rows, width);
                 crate::buffer::resize_exact(&mut self.pixels, rows * width);
                 self.chart.read(self.band, rect, &mut self.pixels)?;
-                for (pixels, taps) in self.pixels.chunks_exact(width).zip(&of_rows[row..]) {
-                    for (cell, w) in taps {
-                        let to = &mut self.down[(*cell as usize - self.first_cell) * width..][..width];
-                        to.iter_mut().zip(pixels).for_each(|(to, v)| *to += w * v);
+                for (to, cell) in self.down.chunks_exact_mut(width).zip(of_rows) {
+                    let (first, weights) = cell.within(row, row + rows);
+                    if !weights.is_empty() {
+                        let pixels = &self.pixels[(first - row) * width..];
+                        AddRows { to, pixels, weights }.run_unfused(self.simd);
                     }
                 }
             }
-            let of_columns = &self.weights.1[left..left + width];
-            for (to, sums) in self.cells.chunks_exact_mut(self.width).zip(self.down.chunks_exact(width)) {
-                for (v, taps) in sums.iter().zip(of_columns) {
-                    for (cell, w) in taps {
-                        to[*cell as usize] += w * v;
-                    }
+            let has_columns = |cell: &CellWeights| !cell.within(left, left + width).1.is_empty();
+            let first = of_columns.iter().position(has_columns).expect("a column has cells");
+            let last = of_columns.iter().rposition(has_columns).expect("a column has cells");
+            let parts: Vec<_> =
+                of_columns[first..=last].iter().map(|cell| cell.within(left, left + width)).collect();
+            for (to, sums) in self.cells.chunks_exact_mut(of_columns.len()).zip(self.down.chunks_exact(width))
+            {
+                for (to, (pixel, weights)) in to[first..].iter_mut().zip(&parts) {
+                    *to += dot(&sums[pixel - left..][..weights.len()], weights);
                 }
             }
         }
         Ok(())
     }
+}
+
+/// Σ a b: four sums side by side, then these.
+#[inline]
+fn dot(a: &[f32], b: &[f32]) -> f32 {
+    let ((a, a_rest), (b, b_rest)) = (a.as_chunks::<4>(), b.as_chunks::<4>());
+    let mut sum = [0.0; 4];
+    for (a, b) in a.iter().zip(b) {
+        for (sum, (a, b)) in sum.iter_mut().zip(a.iter().zip(b)) {
+            *sum += a * b;
+        }
+    }
+    let rest: f32 = a_rest.iter().zip(b_rest).map(|(a, b)| a * b).sum();
+    (sum[0] + sum[2]) + (sum[1] + sum[3]) + rest
 }
 
 #[cfg(test)]

@@ -1,14 +1,16 @@
 //! The levels of a band's tails, and the light that is left for its kernels.
 
+use super::convolution::row_stride;
 use super::{AZIMUTHS, BINS_IN_LEVEL, GROWTH, MAX_BIN_PX, OUT_MARGIN};
 use crate::geometry::{Frame, Size};
 use crate::layer::BinGrid;
 use crate::lens::LensBand;
 use crate::lens::PsfStack;
-use crate::lens::tail::{BandTail, Coefficients, TERMS, radial};
+use crate::lens::tail::{BandTail, Coefficients, TERMS, radial, value};
 use crate::psf::blocks::Blocks;
 use crate::psf::grid::NodeGrid;
 use crate::psf::kernel::NodeKernels;
+use crate::real;
 use crate::simd::Simd;
 
 /// The inner radius of the power laws in bins of level 0, at least.
@@ -16,14 +18,18 @@ const BINS_IN_RADIUS: f64 = 2.5;
 /// Smallest bin, film pixels: that of layers.
 const MIN_BIN_PX: usize = 2;
 
+/// Mean over the places u of a bin of (u + 1) u (u − 1) (u − 2)/24: what the interpolation of a function between bins, or its transpose, takes from it in units of its fourth
+/// derivative.
+const MEAN_BLUR: f64 = 11.0 / 720.0;
+
 /// The tails of a band on a film.
 #[derive(Clone, Debug)]
 pub struct TailPlan {
-    /// Coefficients by height, lengths in film pixels: at the heights of the kernels, so that both shares of the light are linear between the same
-    /// heights.
+    /// The tails at the heights of the near kernels: those of the nodes, and linear between them, as the layer has them. So the light of both adds up to that of the PSF.
+    tail: BandTail,
+    /// Heights of the nodes of all levels, mm, and their coefficients, lengths in film pixels.
+    node_height_mm: Vec<f64>,
     pub(super) coefficients: Vec<Coefficients>,
-    /// Heights of the coefficients, mm.
-    pub(super) height_mm: Vec<f64>,
     /// Inner radius of level 0, film pixels.
     pub(super) inner_px: f64,
     /// Bin of level 0, film pixels.
@@ -32,6 +38,8 @@ pub struct TailPlan {
     first_growth: usize,
     /// Number of levels.
     pub(super) levels: usize,
+    /// [`blur`].
+    blur: [f64; 2],
     film: Size,
     pitch_mm: f64,
 }
@@ -43,19 +51,22 @@ impl TailPlan {
         let pitch_mm = frame.pitch_mm();
         let inner_px = tail.inner_mm / pitch_mm;
         let bin_px = Self::bin_px_of(inner_px)?;
-        let diagonal = crate::real::hypot(frame.film.height as f64, frame.film.width as f64);
+        let diagonal = real::hypot(frame.film.height as f64, frame.film.width as f64);
         let first_growth = ((BINS_IN_LEVEL * GROWTH * bin_px) as f64 / inner_px).ceil().max(2.0) as usize;
         let mut levels = 1;
         while inner_px * (first_growth * GROWTH.pow(levels as u32 - 1)) as f64 <= diagonal {
             levels += 1;
         }
+        let (tail, nodes) = between_nodes(tail, &band.psf_height_mm);
         Some(Self {
-            coefficients: band.psf_height_mm.iter().map(|h| in_pixels(&tail.at(*h), pitch_mm)).collect(),
-            height_mm: band.psf_height_mm.clone(),
+            node_height_mm: nodes.iter().map(|k| tail.height_mm[*k]).collect(),
+            coefficients: nodes.iter().map(|k| in_pixels(&tail.coefficients[*k], pitch_mm)).collect(),
+            tail,
             inner_px,
             bin_px,
             first_growth,
             levels,
+            blur: blur(frame, bin_px),
             film: frame.film,
             pitch_mm,
         })
@@ -89,17 +100,11 @@ impl TailPlan {
         BinGrid::new(self.film, self.bin_px * GROWTH.pow(level as u32), self.half() + OUT_MARGIN)
     }
 
-    /// Heights of the nodes of `level`, as indices of the table: all of level 0, every other one and the last of the others.
-    pub(super) fn heights(&self, level: usize) -> Vec<usize> {
-        let last = self.height_mm.len() - 1;
-        (0..=last).filter(|k| level == 0 || k.is_multiple_of(2) || *k == last).collect()
-    }
-
     /// The nodes of `level`.
     pub(super) fn grid(&self, level: usize) -> NodeGrid {
-        let heights: Vec<f64> = self.heights(level).iter().map(|k| self.height_mm[*k]).collect();
+        let heights = &self.node_height_mm;
         let azimuths: Vec<usize> = (0..heights.len()).map(|k| if k == 0 { 1 } else { AZIMUTHS }).collect();
-        NodeGrid::new(&heights, &azimuths, self.pitch_mm * self.bins(level).bin_px as f64)
+        NodeGrid::new(heights, &azimuths, self.pitch_mm * self.bins(level).bin_px as f64)
     }
 
     /// Factor of the power law `j` of level `level` over that of the last level with kernels of its own, 0 or 1.
@@ -108,18 +113,38 @@ impl TailPlan {
         (GROWTH as f64).powi((2 - 3 - 2 * j as i32) * level.saturating_sub(1) as i32)
     }
 
-    /// Sums over the bins of level `level`, 0 or 1, of b² [B_0j(r; R_l) − B_0j(r; R_{l+1})].
+    /// Light of the kernels C_0j of level `level`, 0 or 1.
     fn sums(&self, level: usize) -> [f64; TERMS] {
-        let (half, b) = (self.half() as i64, self.bins(level).bin_px as f64);
+        let half = self.half() as i64;
         std::array::from_fn(|j| {
             let places = (-half..=half).flat_map(|y| (-half..=half).map(move |x| (y, x)));
-            places
-                .map(|(y, x)| {
-                    let r = b * ((y * y + x * x) as f64).sqrt();
-                    b * b * self.compact(level, r, 0, j)
-                })
-                .sum()
+            places.map(|place| self.kernel_at(level, place, 0, j).0).sum()
         })
+    }
+
+    /// The kernels C_mj and S_mj of level `level`, 0 or 1, at (y, x) bins from the source: with what interpolation takes from them on average, from fourth differences.
+    pub(super) fn kernel_at(&self, level: usize, (y, x): (i64, i64), m: usize, j: usize) -> (f64, f64) {
+        let b = self.bins(level).bin_px as f64;
+        let at = |y: i64, x: i64| {
+            let (y, x) = (y as f64, x as f64);
+            let r = (y * y + x * x).sqrt();
+            let (sin, cos) = if r > 0.0 { (y / r, x / r) } else { (0.0, 1.0) };
+            // (cos + i sin)^m
+            let (mut re, mut im) = (1.0, 0.0);
+            for _ in 0..m {
+                (re, im) = (re * cos - im * sin, re * sin + im * cos);
+            }
+            let value = b * b * self.compact(level, b * r, m, j);
+            [value * re, value * im]
+        };
+        let blur = self.blur[level] * MEAN_BLUR;
+        let mut sum = at(y, x);
+        for (n, w) in (-2..=2).zip([1.0, -4.0, 6.0, -4.0, 1.0]) {
+            for of in [at(y + n, x), at(y, x + n)] {
+                sum.iter_mut().zip(of).for_each(|(sum, v)| *sum += blur * w * v);
+            }
+        }
+        (sum[0], sum[1])
     }
 
     /// B_mj(r; R_l) − B_mj(r; R_{l+1}) of level `level`, 0 or 1, at `r` film pixels.
@@ -132,33 +157,27 @@ impl TailPlan {
         radial(r, inner, m, j) - radial(r, outer, m, j)
     }
 
-    /// Share of the light of a field point with coefficients `c` from level `first` on, 1 or more.
-    fn share_from(&self, c: &Coefficients, first: usize) -> f64 {
-        let sums = self.sums(1);
+    /// Share of the light of a field point with coefficients `c` from level `first` on, 1 or more; `sums` are those of level 1.
+    fn share_from(c: &Coefficients, first: usize, sums: &[f64; TERMS]) -> f64 {
         // A geometric series over the levels.
         (0..TERMS).map(|j| c[0][j] * sums[j] * Self::factor(first, j) / (1.0 - Self::factor(2, j))).sum()
     }
 
-    /// Sums of the near kernels at `height_mm`: all light less that of T.
-    pub fn near_shares(&self, tail: &BandTail, height_mm: &[f64]) -> Vec<f64> {
-        let of_first = self.sums(0);
-        let share = |h: &f64| {
-            let c = in_pixels(&tail.at(*h), self.pitch_mm);
+    /// Sums of the near kernels at the heights of the band's PSFs: all light less that of T.
+    pub fn near_shares(&self) -> Vec<f64> {
+        let (of_first, of_others) = (self.sums(0), self.sums(1));
+        let share = |c: &Coefficients| {
+            let c = in_pixels(c, self.pitch_mm);
             let first: f64 = (0..TERMS).map(|j| c[0][j] * of_first[j]).sum();
-            1.0 - first - self.share_from(&c, 1)
+            1.0 - first - Self::share_from(&c, 1, &of_others)
         };
-        height_mm.iter().map(share).collect()
+        self.tail.coefficients.iter().map(share).collect()
     }
 
     /// The near kernels of the PSFs `stack` of `band`, which this plan is of.
-    ///
-    /// # Panics
-    /// The band has no tail.
     pub fn near_kernels(&self, stack: &PsfStack, band: &LensBand, simd: Simd) -> NodeKernels {
-        let tail = band.tail.as_ref().expect("the plan is of a band with a tail");
-        let shares = self.near_shares(tail, &band.psf_height_mm);
-        let tables = (tail, &band.psf_height_mm[..], &band.psf_energy[..]);
-        NodeKernels::near(stack, tables, shares, 1e3 * self.pitch_mm, simd)
+        let tables = (&self.tail, &band.psf_height_mm[..], &band.psf_energy[..]);
+        NodeKernels::near(stack, tables, self.near_shares(), 1e3 * self.pitch_mm, simd)
     }
 
     /// FFT blocks of all levels: their kernels have the same size.
@@ -166,26 +185,79 @@ impl TailPlan {
         Blocks::choose(2 * self.half() + 1, &self.grid(0))
     }
 
-    /// Bytes while the layer is computed, its result included, without the source of its light.
-    pub fn making_bytes(&self) -> usize {
-        let nodes = |level: usize| self.grid(level).len();
-        let spectra = self.blocks().spectrum_bytes() * nodes(0).max(3 * nodes(1));
-        // Light, and sums over blocks, which are larger by a window.
-        let light = self.bins(0).size().pixels();
-        let ends = 2 * self.half();
-        let size = self.bins(0).size();
-        4 * (2 * light + (size.height + ends) * (size.width + ends)) + spectra
+    /// Bytes of the light of all levels.
+    pub(super) fn light_bytes(&self) -> usize {
+        let finest = self.bins(0).size().pixels();
+        4 * finest * GROWTH.pow(2) / (GROWTH.pow(2) - 1)
     }
 
-    /// Core seconds of the layer, about, without the reading of the light: 25 ns a sample of the light and 60 a bin of level 0.
+    /// Bytes while the layer is computed from the light on `threads` threads, its result included.
+    pub(super) fn making_bytes(&self, threads: usize) -> usize {
+        let (blocks, half, size) = (self.blocks(), self.half(), self.bins(0).size());
+        // Of each power law, and of a level.
+        let spectra = (TERMS + 1) * blocks.spectrum_bytes() * self.grid(0).len();
+        // The result of a level, the sum of blocks, and what the threads add to it.
+        let rows = |rows: usize| (rows + 2 * half) * row_stride(size.width, half);
+        let sums = size.pixels() + rows(size.height) + threads * rows(blocks.block);
+        self.light_bytes() + 4 * sums + spectra
+    }
+
+    /// Core seconds of the layer, about, without the reading of the light: 200 ns a bin of level 0.
     pub fn making_s(&self) -> f64 {
-        1e-9 * self.bins(0).size().pixels() as f64 * (4.0 * 25.0 + 60.0)
+        200e-9 * self.bins(0).size().pixels() as f64
     }
 
     /// Share of the light beyond the last level, on the axis.
     pub(super) fn rest(&self) -> f64 {
-        self.share_from(&self.coefficients[0], self.levels)
+        Self::share_from(&self.coefficients[0], self.levels, &self.sums(1))
     }
+}
+
+/// Interpolations and transposed ones between a point of the chart and a film pixel at levels 0 and 1, whose errors add up: as many as on the bins of the level would
+/// have the same error; one on bins of a share s of them counts as s⁴. The chart's cells have one of each, the bins of a level one of each.
+fn blur(frame: &Frame, bin_px: usize) -> [f64; 2] {
+    let (rows, columns) = TailPlan::cells_px_of(frame, bin_px);
+    let cell_px = 0.5 * (rows as f64 * frame.scale.0 + columns as f64 * frame.scale.1);
+    let of_cells = 2.0 * (cell_px / bin_px as f64).powi(4);
+    let of_first = 2.0 + of_cells;
+    [of_first, 2.0 + of_first / (GROWTH as f64).powi(4)]
+}
+
+/// Change of T, as a share of its mean over the azimuth, that linear interpolation between nodes may cause at 1, 2 and 4 inner radii.
+const NODE_TOLERANCE: f64 = 0.01;
+
+/// The tails `tail` at `height_mm`, linear between nodes as far apart as [`NODE_TOLERANCE`] admits, and the indices of these.
+fn between_nodes(tail: &BandTail, height_mm: &[f64]) -> (BandTail, Vec<usize>) {
+    let exact: Vec<Coefficients> = height_mm.iter().map(|h| tail.at(*h)).collect();
+    let between = |(first, last): (usize, usize), k: usize| -> Coefficients {
+        let t = (height_mm[k] - height_mm[first]) / (height_mm[last] - height_mm[first]);
+        let (a, b) = (&exact[first], &exact[last]);
+        std::array::from_fn(|m| std::array::from_fn(|j| a[m][j] + t * (b[m][j] - a[m][j])))
+    };
+    let is_linear = |ends: (usize, usize)| {
+        (ends.0 + 1..ends.1).all(|k| {
+            let (c, exact) = (between(ends, k), &exact[k]);
+            let change = std::array::from_fn(|m| std::array::from_fn(|j| c[m][j] - exact[m][j]));
+            [1.0, 2.0, 4.0].into_iter().all(|radii| {
+                let r = radii * tail.inner_mm;
+                let mean: f64 = (0..TERMS).map(|j| exact[0][j] * radial(r, tail.inner_mm, 0, j)).sum();
+                (0..=8).all(|i| {
+                    let (sin, cos) = real::sin_cos(f64::from(i) * std::f64::consts::PI / 8.0);
+                    value(&change, tail.inner_mm, r * cos, r * sin).abs() <= NODE_TOLERANCE * mean
+                })
+            })
+        })
+    };
+    let mut nodes = vec![0];
+    let mut coefficients = vec![exact[0]];
+    while let Some(first) = nodes.last().copied().filter(|first| first + 1 < exact.len()) {
+        let last = (first + 2..exact.len()).take_while(|last| is_linear((first, *last))).last();
+        let last = last.unwrap_or(first + 1);
+        coefficients.extend((first + 1..last).map(|k| between((first, last), k)));
+        coefficients.push(exact[last]);
+        nodes.push(last);
+    }
+    (BandTail { inner_mm: tail.inner_mm, height_mm: height_mm.to_vec(), coefficients }, nodes)
 }
 
 /// Coefficients in mm and mm³ as those in pixels.

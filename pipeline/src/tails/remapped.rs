@@ -9,6 +9,8 @@ use crate::geometry::{Frame, Size};
 use crate::lens::LensBand;
 use crate::options::Options;
 use crate::remap::map::Map;
+use crate::simd::Simd;
+use crate::simd::lanes::MAX_LANES;
 use crate::stage::Stage;
 
 /// Bins around those of the film in a stored layer: what its interpolation reads.
@@ -21,6 +23,7 @@ const MAX_CELLS: usize = 1 << 24;
 struct RemappedLight<'a> {
     map: Map<'a>,
     cells: &'a ChartCells,
+    simd: Simd,
 }
 
 impl Light for RemappedLight<'_> {
@@ -28,16 +31,40 @@ impl Light for RemappedLight<'_> {
         let (row, column, gain) = self.map.at_place(y, x);
         gain * self.cells.at(row, column)
     }
+
+    fn along(&self, y: f64, x: f64, step: f64, out: &mut [f32]) {
+        let at = |i: usize| {
+            let (row, column, gain) = self.map.at_place(y, x + i as f64 * step);
+            [row, column, gain]
+        };
+        const HALF: usize = MAX_LANES / 2;
+        let mut start = at(0);
+        for (k, out) in out.chunks_mut(MAX_LANES).enumerate() {
+            let (middle, end) = (at(k * MAX_LANES + HALF), at((k + 1) * MAX_LANES));
+            // Parabolas through three places.
+            let half = HALF as f64;
+            let curvature: [f64; 3] =
+                std::array::from_fn(|c| (start[c] - 2.0 * middle[c] + end[c]) / (2.0 * half * half));
+            let slope = std::array::from_fn(|c| (middle[c] - start[c]) / half - half * curvature[c]);
+            let mut values = [0.0; MAX_LANES];
+            self.cells.along([start, slope, curvature], self.simd, &mut values);
+            out.copy_from_slice(&values[..out.len()]);
+            start = end;
+        }
+    }
 }
 
 impl TailPlan {
-    /// Sides of the cells that the chart is read into, rows and columns in chart pixels: the distance of samples of the light, half a bin of level 0, or a
-    /// multiple of it as the memory for them requires.
+    /// Sides of the cells that the chart is read into, rows and columns in chart pixels.
     pub fn cells_px(&self, frame: &Frame) -> (usize, usize) {
+        Self::cells_px_of(frame, self.bin_px())
+    }
+
+    /// Sides of cells for bins of `bin_px` at level 0: the distance of samples of the light, half a bin, or a multiple of it as the memory for them requires.
+    pub(super) fn cells_px_of(frame: &Frame, bin_px: usize) -> (usize, usize) {
         let mut samples = 1.0;
         loop {
-            let side =
-                |scale: f64| (samples * (self.bin_px() / SAMPLES) as f64 / scale).round().max(1.0) as usize;
+            let side = |scale: f64| (samples * (bin_px / SAMPLES) as f64 / scale).round().max(1.0) as usize;
             let sides = (side(frame.scale.0), side(frame.scale.1));
             let cells = frame.chart.height.div_ceil(sides.0) * frame.chart.width.div_ceil(sides.1);
             if cells <= MAX_CELLS {
@@ -48,26 +75,33 @@ impl TailPlan {
     }
 
     /// The coefficients of the layer of the band with the tables `band`, row by row on its bins and [`TAIL_MARGIN_BINS`] around, from its chart on
-    /// cells; `gain` multiplies the remapped image. The same bits for any number of `threads`.
+    /// cells, which are dropped as soon as they are read; `gain` multiplies the remapped image. The same bits for any number of `threads` and any instructions.
     pub fn layer(
         &self,
         frame: &Frame,
         band: &LensBand,
         options: &Options,
         gain: f64,
-        cells: &ChartCells,
+        cells: ChartCells,
         threads: usize,
     ) -> Vec<f32> {
         let stages = options.stages;
         let (distortion, illumination) = (stages.has(Stage::Distortion), stages.has(Stage::Ri));
         let field = Field::new(band, frame.pitch_mm(), distortion, illumination, gain);
-        let light = RemappedLight { map: Map::new(frame, &field), cells };
-        levels::layer(self, frame, &light, TAIL_MARGIN_BINS, threads)
+        let lights = {
+            let light = RemappedLight { map: Map::new(frame, &field), cells: &cells, simd: options.simd };
+            levels::lights(self, &light, threads)
+        };
+        drop(cells);
+        levels::layer(self, frame, lights, TAIL_MARGIN_BINS, options.simd, threads)
     }
 
     /// Bytes while the layer of a band of a chart of `chart` px is computed on `threads` threads.
     pub fn all_making_bytes(&self, frame: &Frame, chart: Size, threads: usize) -> usize {
         let (cells, reading) = ChartCells::bytes(chart, self.cells_px(frame), threads);
-        cells + reading.max(self.making_bytes())
+        (cells + reading.max(self.light_bytes())).max(self.making_bytes(threads))
     }
 }
+
+#[cfg(test)]
+mod tests;

@@ -34,7 +34,8 @@ fn read(
     threads: usize,
 ) -> ChartCells {
     let chart = Chart { size, pixel };
-    ChartCells::read(&chart, 0, side, surround, threads, &AtomicBool::new(false)).unwrap()
+    let stop = AtomicBool::new(false);
+    ChartCells::read((&chart, 0), side, surround, Simd::detect(), threads, &stop).unwrap()
 }
 
 #[test]
@@ -129,7 +130,10 @@ fn errors_and_a_stop_end_the_reading() {
             if rect.y > 0 { Err("damaged".into()) } else { Ok(()) }
         }
     }
-    let read = |stop| ChartCells::read(&Damaged, 0, (4, 4), Surround::Edge, 2, &AtomicBool::new(stop));
+    let read = |stop| {
+        let stop = AtomicBool::new(stop);
+        ChartCells::read((&Damaged, 0), (4, 4), Surround::Edge, Simd::PORTABLE, 2, &stop)
+    };
     assert_eq!(read(false).unwrap_err().to_string(), "damaged");
     assert!(read(true).unwrap_err().is::<Stopped>());
 }

@@ -4,6 +4,13 @@ use super::*;
 use crate::geometry::Size;
 use crate::lens::LensBand;
 use crate::lens::tail::{BandTail, Coefficients, value};
+use crate::simd::Isa;
+
+/// The layer of `light` with a margin of 2 bins.
+fn layer_of(plan: &TailPlan, frame: &Frame, light: &dyn Light, simd: Simd, threads: usize) -> Vec<f32> {
+    layer(plan, frame, lights(plan, light, threads), 2, simd, threads)
+}
+
 use crate::tails::MAX_BIN_PX;
 
 const PITCH_UM: f64 = 2.0;
@@ -76,7 +83,7 @@ fn spots_have_the_tails_of_their_places() {
     assert_eq!((plan.bin_px(), plan.levels), (MAX_BIN_PX, 3));
     for (sy, sx) in [(449.5, 549.5), (300.0, 900.0), (120.0, 130.0), (-40.0, 500.0)] {
         let light = spot(sy, sx);
-        let values = layer(&plan, &frame, &Exact(light), 2, 2);
+        let values = layer_of(&plan, &frame, &Exact(light), Simd::detect(), 2);
         let (dy, dx) = (sy - frame.axis_px.0, sx - frame.axis_px.1);
         let tail = band.tail.as_ref().unwrap();
         let pitch = PITCH_UM * 1e-3;
@@ -131,8 +138,8 @@ fn uniform_light_gets_back_what_near_kernels_leave() {
         let c = field(0.0).map(|[third, fifth]| [third * scale, fifth * scale.powi(3)]);
         tail.coefficients = vec![c; 13];
         let plan = TailPlan::new(&frame, &band).unwrap();
-        let share = plan.near_shares(band.tail.as_ref().unwrap(), &[0.0])[0];
-        let values = layer(&plan, &frame, &Exact(|_, _| 1.0), 2, 1);
+        let share = plan.near_shares()[0];
+        let values = layer_of(&plan, &frame, &Exact(|_, _| 1.0), Simd::detect(), 1);
         let worst = values.iter().map(|v| (f64::from(*v) + share - 1.0).abs()).fold(0.0, f64::max);
         println!("{inner} px: bins of {}, near share {share:.5}, worst {worst:.1e}", plan.bin_px());
         assert!(worst < 2e-7, "{inner}: {worst:e}");
@@ -149,12 +156,32 @@ fn harmonics_of_the_azimuth_have_no_light_on_bins() {
     let film = Size::new(400, 300);
     let plan = TailPlan::new(&Frame::centred(film, film, PITCH_UM), &band(20.5)).unwrap();
     for level in [0, 1] {
-        for terms in Harmonics::new(&plan, level).0 {
+        for terms in crate::tails::convolution::Harmonics::new(&plan, level).0 {
             for (m, [even, odd]) in terms.iter().enumerate() {
                 let light = even.iter().map(|v| v.abs()).sum::<f64>();
                 let sums = [even, odd].map(|all| all.iter().sum::<f64>().abs() / light);
                 assert!(sums[1] < 1e-13 && (sums[0] < 1e-13) == (m > 0), "level {level}, m = {m}: {sums:?}");
             }
+        }
+    }
+}
+
+#[test]
+fn bits_depend_neither_on_instructions_nor_on_threads() {
+    let film = Size::new(700, 900);
+    let frame = Frame::centred(film, film, PITCH_UM);
+    let band = band(20.5);
+    let plan = TailPlan::new(&frame, &band).unwrap();
+    let light = spot(311.0, 705.5);
+    let of = |simd, threads| {
+        let values = layer_of(&plan, &frame, &Exact(light), simd, threads);
+        values.into_iter().map(f32::to_bits).collect::<Vec<_>>()
+    };
+    let expected = of(Simd::PORTABLE, 1);
+    assert!(expected.iter().any(|v| *v != 0));
+    for simd in Isa::ALL.into_iter().filter_map(|isa| Simd::require(isa).ok()) {
+        for threads in [1, 3] {
+            assert!(of(simd, threads) == expected, "{simd:?}, {threads} threads");
         }
     }
 }

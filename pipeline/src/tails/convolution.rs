@@ -1,0 +1,226 @@
+//! The convolutions of the levels of a band's tails.
+//!
+//! The kernel between two bins is b_l² T_l. That of a node at the azimuth θ is
+//!
+//! ```text
+//! Σ_j 4^{(2 − q)(l − 1)} Σ_m c_mj (C_mj cos mθ + S_mj sin mθ)       C_mj, S_mj: b² [B_mj(r; R_l) − B_mj(r; R_{l+1})] times cos mφ, sin mφ at the bins of
+//!                                                                   level 1; level 0 has its own and no factor
+//! ```
+//! and its spectrum the sum over j of spectra that all levels from 1 on share.
+//!
+//! By the transforms of the SIMD engines of the PSF stage, on registers that round products: the bits do not depend on the instructions. Nor on the
+//! threads: a thread convolves a row of blocks, and no film row has light of more than two of these.
+
+use super::OUT_MARGIN;
+use super::levels::out_size;
+use super::plan::TailPlan;
+use crate::buffer::AlignedBuf;
+use crate::geometry::{Frame, Rect, Size};
+use crate::lens::tail::{Coefficients, ORDERS, TERMS};
+use crate::parts::for_each_part;
+use crate::psf::blocks::Blocks;
+use crate::psf::grid::{Node, NodeGrid};
+use crate::psf::polar::BlockPlace;
+use crate::psf::simd::{Columns, Scratch};
+use crate::psf::{BlockView, Spectra};
+use crate::real;
+use crate::simd::lanes::{Lanes, MAX_LANES};
+#[cfg(target_arch = "x86_64")]
+use crate::simd::{Avx2, Avx512, Unfused};
+use crate::simd::{Isa, Plain, Simd};
+use std::cell::RefCell;
+use std::convert::Infallible;
+use std::ops::Range;
+use std::sync::{Arc, Mutex, OnceLock};
+
+/// Images C_mj and S_mj of the kernels, by power law.
+pub(super) struct Harmonics(pub(super) [Vec<[Vec<f64>; 2]>; TERMS]);
+
+impl Harmonics {
+    pub(super) fn new(plan: &TailPlan, level: usize) -> Self {
+        let half = plan.half() as i64;
+        Self(std::array::from_fn(|j| {
+            let of = |m: usize| {
+                let places = (-half..=half).flat_map(|y| (-half..=half).map(move |x| (y, x)));
+                let (mut even, mut odd): (Vec<f64>, Vec<f64>) =
+                    places.map(|(y, x)| plan.kernel_at(level, (y, x), m, j)).unzip();
+                // A harmonic has no light; its sum over square bins has, of m = 4.
+                if m > 0 {
+                    let centre = even.len() / 2;
+                    for all in [&mut even, &mut odd] {
+                        all[centre] -= all.iter().sum::<f64>();
+                    }
+                }
+                [even, odd]
+            };
+            (0..ORDERS).map(of).collect()
+        }))
+    }
+
+    /// The power laws `terms` of the kernel of coefficients `c` at azimuth `theta`.
+    fn kernel(&self, c: &Coefficients, terms: Range<usize>, theta: f64) -> Vec<f32> {
+        let mut sum = vec![0.0; self.0[0][0][0].len()];
+        for (j, (m, [even, odd])) in terms.flat_map(|j| self.0[j].iter().enumerate().map(move |of| (j, of))) {
+            let (sin, cos) = real::sin_cos(m as f64 * theta);
+            let (a, b) = (c[m][j] * cos, c[m][j] * sin);
+            for ((to, even), odd) in sum.iter_mut().zip(even).zip(odd) {
+                *to += a * even + b * odd;
+            }
+        }
+        sum.into_iter().map(|v| v as f32).collect()
+    }
+}
+
+/// T_l ∗ `lights[l]` of all levels l of `plan`, each on the film's bins of its level and [`OUT_MARGIN`] around.
+pub(super) fn convolve_levels(
+    plan: &TailPlan,
+    frame: &Frame,
+    lights: Vec<Vec<f32>>,
+    simd: Simd,
+    threads: usize,
+) -> Vec<Vec<f32>> {
+    match simd.isa() {
+        #[cfg(target_arch = "x86_64")]
+        Isa::Avx512 => Engine::<Unfused<Avx512>>::new(plan, simd).levels(frame, lights, threads),
+        #[cfg(target_arch = "x86_64")]
+        Isa::Avx2 => Engine::<Unfused<Avx2>>::new(plan, simd).levels(frame, lights, threads),
+        _ => Engine::<Plain>::new(plan, Simd::PORTABLE).levels(frame, lights, threads),
+    }
+}
+
+/// The engine of a band's tails.
+struct Engine<'a, V: Lanes> {
+    plan: &'a TailPlan,
+    /// Of levels 0 and 1.
+    harmonics: [Harmonics; 2],
+    blocks: Blocks,
+    columns: Columns<V>,
+    /// Spectra of the nodes at level 1, one of each power law.
+    of_terms: Vec<OnceLock<[AlignedBuf; TERMS]>>,
+}
+
+/// Spectra of one level, for one thread.
+struct LevelSpectra<'a, 'p, V: Lanes> {
+    engine: &'a Engine<'p, V>,
+    grid: &'a NodeGrid,
+    level: usize,
+    made: &'a [OnceLock<Arc<AlignedBuf>>],
+    scratch: RefCell<Scratch>,
+}
+
+impl<V: Lanes> LevelSpectra<'_, '_, V> {
+    /// The spectrum of the power laws `terms` of `node`, at level 0 or 1.
+    fn spectrum(&self, node: Node, terms: Range<usize>) -> AlignedBuf {
+        let c = &self.engine.plan.coefficients[node.k];
+        let kernel = self.engine.harmonics[self.level.min(1)].kernel(c, terms, self.grid.azimuth_rad(node));
+        self.engine.columns.spectrum(&kernel, &mut self.scratch.borrow_mut(), AlignedBuf::default())
+    }
+
+    /// The spectrum of `node` at a level from 1 on, from those of its power laws.
+    fn of_terms(&self, node: Node) -> AlignedBuf {
+        let parts = self.engine.of_terms[self.grid.id(node)]
+            .get_or_init(|| std::array::from_fn(|j| self.spectrum(node, j..j + 1)));
+        let factors: [f32; TERMS] = std::array::from_fn(|j| TailPlan::factor(self.level, j) as f32);
+        let mut sum = AlignedBuf::default();
+        sum.reset(parts[0].len());
+        for (i, to) in sum.iter_mut().enumerate() {
+            *to = factors[0] * parts[0][i] + factors[1] * parts[1][i];
+        }
+        sum
+    }
+}
+
+impl<V: Lanes> Spectra for LevelSpectra<'_, '_, V> {
+    fn get(&self, node: Node) -> Arc<AlignedBuf> {
+        let made = self.made[self.grid.id(node)].get_or_init(|| {
+            Arc::new(match self.level {
+                0 => self.spectrum(node, 0..TERMS),
+                _ => self.of_terms(node),
+            })
+        });
+        Arc::clone(made)
+    }
+}
+
+impl<'a, V: Lanes> Engine<'a, V> {
+    fn new(plan: &'a TailPlan, simd: Simd) -> Self {
+        let blocks = plan.blocks();
+        // Rows of blocks then overlap their neighbours alone.
+        assert!(blocks.block >= 2 * plan.half(), "{blocks:?}");
+        Self {
+            plan,
+            harmonics: [0, 1].map(|level| Harmonics::new(plan, level)),
+            columns: Columns::new(&blocks, simd),
+            blocks,
+            of_terms: unset(plan.grid(1).len()),
+        }
+    }
+
+    fn levels(&self, frame: &Frame, lights: Vec<Vec<f32>>, threads: usize) -> Vec<Vec<f32>> {
+        let of_level = |(level, light): (usize, Vec<f32>)| self.convolve(frame, level, &light, threads);
+        lights.into_iter().enumerate().map(of_level).collect()
+    }
+
+    /// T_l ∗ `light` on the film's bins of `level` and [`OUT_MARGIN`] around.
+    fn convolve(&self, frame: &Frame, level: usize, light: &[f32], threads: usize) -> Vec<f32> {
+        let plan = self.plan;
+        let bins = plan.bins(level);
+        let (Size { height: rows, width: columns }, half) = (bins.size(), plan.half());
+        let grid = plan.grid(level);
+        let made = unset(grid.len());
+        let stride = row_stride(columns, half);
+        let sum = Mutex::new(crate::buffer::zeros(stride * (rows + 2 * half)));
+        let done: Result<(), Infallible> = for_each_part(
+            threads,
+            (0..rows).step_by(self.blocks.block),
+            || {
+                let scratch = RefCell::new(self.columns.scratch());
+                let spectra = LevelSpectra { engine: self, grid: &grid, level, made: &made, scratch };
+                (spectra, self.columns.scratch(), Vec::new())
+            },
+            |(spectra, scratch, out), top| {
+                let height = self.blocks.block.min(rows - top);
+                out.clear();
+                out.resize(stride * (height + 2 * half), 0.0);
+                for block in
+                    Rect::new(top as i64, 0, height, columns).tiles(self.blocks.block, self.blocks.block)
+                {
+                    let x = block.x as usize;
+                    let lines = light.chunks(columns).skip(top).take(height);
+                    if lines.clone().all(|row| row[x..x + block.width].iter().all(|v| *v == 0.0)) {
+                        continue;
+                    }
+                    // Bins from the axis.
+                    let axis = |px: f64| (px + 0.5) / bins.bin_px as f64 - 0.5;
+                    let place = BlockPlace {
+                        dy_px: (block.y - bins.margin as i64) as f64 - axis(frame.axis_px.0),
+                        dx_px: (block.x - bins.margin as i64) as f64 - axis(frame.axis_px.1),
+                        rows: block.height,
+                        cols: block.width,
+                    };
+                    let view = BlockView { pixels: &light[top * columns + x..], stride: columns, place };
+                    self.columns.scatter(&view, &grid, spectra, &mut out[x..], stride, scratch);
+                }
+                let mut sum = sum.lock().expect("no panic while held");
+                sum[top * stride..].iter_mut().zip(&*out).for_each(|(to, v)| *to += v);
+                Ok(())
+            },
+        );
+        let Ok(()) = done;
+        // The first value is `half` bins before the first bin of the grid.
+        let first = half + bins.margin - OUT_MARGIN;
+        let Size { height: out_rows, width: out_columns } = out_size(&bins);
+        let sum = sum.into_inner().expect("no panic while held");
+        let lines = sum.chunks_exact(stride).skip(first).take(out_rows);
+        lines.flat_map(|line| &line[first..first + out_columns]).copied().collect()
+    }
+}
+
+/// Values of a row of the sum of a level of `columns` bins and kernels of `half` bins a side: its results, and what an engine adds beyond.
+pub(super) fn row_stride(columns: usize, half: usize) -> usize {
+    columns + 2 * half + MAX_LANES
+}
+
+fn unset<T>(count: usize) -> Vec<OnceLock<T>> {
+    std::iter::repeat_with(OnceLock::new).take(count).collect()
+}

@@ -1,0 +1,96 @@
+//! The inner loops of cells, on registers that round products: the same bits with any instructions.
+#![allow(unsafe_code, reason = "quads of cells are loaded after one check of all of them")]
+
+use crate::simd::lanes::{Lanes, MAX_LANES, SimdOp};
+
+/// Places between cells: as many as the longest register has lanes.
+#[derive(Debug, Default)]
+pub(super) struct Places {
+    /// Index of the first of the 4 x 4 cells.
+    pub(super) first: [i32; MAX_LANES],
+    /// Fractions of a cell, down and across.
+    pub(super) down: [f32; MAX_LANES],
+    pub(super) across: [f32; MAX_LANES],
+    pub(super) gain: [f32; MAX_LANES],
+}
+
+/// The light at places between cells: four-tap cubic Lagrange polynomials down and across.
+pub(super) struct Interpolate<'a> {
+    pub(super) cells: &'a [f32],
+    /// Cells of a row.
+    pub(super) width: usize,
+    pub(super) places: &'a Places,
+    pub(super) out: &'a mut [f32; MAX_LANES],
+}
+
+impl<V: Lanes> SimdOp<V> for Interpolate<'_> {
+    #[inline(always)]
+    fn run(self) {
+        let Places { first, down, across, gain } = self.places;
+        let (mut least, mut last) = (i32::MAX, i32::MIN);
+        for at in first {
+            (least, last) = (least.min(*at), last.max(*at));
+        }
+        assert!(
+            least >= 0 && last as usize + 3 * self.width + 4 <= self.cells.len(),
+            "cells {least} to {last}"
+        );
+        for from in (0..MAX_LANES).step_by(V::LANES) {
+            let (wy, wx) = (weights::<V>(V::load(&down[from..])), weights::<V>(V::load(&across[from..])));
+            let mut sum = V::splat(0.0);
+            for (row, w) in wy.into_iter().enumerate() {
+                let mut quads = [V::splat(0.0); 4];
+                for (i, quad) in quads.iter_mut().enumerate() {
+                    // SAFETY: the four cells from each place's first on in this row, one of four, lie in `cells`, as checked.
+                    *quad = unsafe { V::load_quads(self.cells, first, from + i, row * self.width) };
+                }
+                let [a, b, c, d] = V::transpose_quads(quads);
+                sum = sum + ((a * wx[0] + b * wx[1]) + (c * wx[2] + d * wx[3])) * w;
+            }
+            (sum * V::load(&gain[from..])).store(&mut self.out[from..]);
+        }
+    }
+}
+
+/// Lagrange weights of four cells at fraction `f`.
+#[inline(always)]
+fn weights<V: Lanes>(f: V) -> [V; 4] {
+    let (sixth, third, half, one) = (V::splat(1.0 / 6.0), V::splat(1.0 / 3.0), V::splat(0.5), V::splat(1.0));
+    let square = f * f;
+    [
+        f * ((half - f * sixth) * f - third),
+        (f * half - one) * square + (one - f * half),
+        f * ((one - f) * half * f + one),
+        f * (square - one) * sixth,
+    ]
+}
+
+/// Adds the weighted sum of rows of pixels, each as long as `to`, to `to`.
+pub(super) struct AddRows<'a> {
+    pub(super) to: &'a mut [f32],
+    pub(super) pixels: &'a [f32],
+    pub(super) weights: &'a [f32],
+}
+
+impl<V: Lanes> SimdOp<V> for AddRows<'_> {
+    #[inline(always)]
+    fn run(self) {
+        let width = self.to.len();
+        let ends = width / MAX_LANES * MAX_LANES;
+        for x in (0..ends).step_by(V::LANES) {
+            let mut sum = V::splat(0.0);
+            for (row, w) in self.pixels.chunks_exact(width).zip(self.weights) {
+                sum = sum + V::load(&row[x..]) * V::splat(*w);
+            }
+            let to = &mut self.to[x..];
+            (V::load(to) + sum).store(to);
+        }
+        for (x, to) in self.to.iter_mut().enumerate().skip(ends) {
+            let mut sum = 0.0;
+            for (row, w) in self.pixels.chunks_exact(width).zip(self.weights) {
+                sum += row[x] * w;
+            }
+            *to += sum;
+        }
+    }
+}
