@@ -39,12 +39,21 @@ pub(crate) trait Lanes:
     fn splat(v: f32) -> Self;
     /// 0, 1, 2, …
     fn iota() -> Self;
-    /// self·b + c, rounded once but by registers that say otherwise.
-    fn mul_add(self, b: Self, c: Self) -> Self;
+    /// self·b + c: product and sum rounded, or together by registers that fuse them.
+    #[inline(always)]
+    fn mul_add(self, b: Self, c: Self) -> Self {
+        self * b + c
+    }
     /// self·b − c, rounded likewise.
-    fn mul_sub(self, b: Self, c: Self) -> Self;
+    #[inline(always)]
+    fn mul_sub(self, b: Self, c: Self) -> Self {
+        self * b - c
+    }
     /// c − self·b, rounded likewise.
-    fn neg_mul_add(self, b: Self, c: Self) -> Self;
+    #[inline(always)]
+    fn neg_mul_add(self, b: Self, c: Self) -> Self {
+        c - self * b
+    }
     /// |self|.
     fn abs(self) -> Self;
     /// The smaller, lane by lane.

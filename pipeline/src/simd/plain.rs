@@ -58,21 +58,6 @@ impl Lanes for Plain {
     }
 
     #[inline(always)]
-    fn mul_add(self, b: Self, c: Self) -> Self {
-        self * b + c
-    }
-
-    #[inline(always)]
-    fn mul_sub(self, b: Self, c: Self) -> Self {
-        self * b - c
-    }
-
-    #[inline(always)]
-    fn neg_mul_add(self, b: Self, c: Self) -> Self {
-        c - self * b
-    }
-
-    #[inline(always)]
     fn abs(self) -> Self {
         Self(self.0.map(f32::abs))
     }

@@ -61,21 +61,6 @@ impl<V: Lanes> Lanes for Unfused<V> {
     }
 
     #[inline(always)]
-    fn mul_add(self, b: Self, c: Self) -> Self {
-        self * b + c
-    }
-
-    #[inline(always)]
-    fn mul_sub(self, b: Self, c: Self) -> Self {
-        self * b - c
-    }
-
-    #[inline(always)]
-    fn neg_mul_add(self, b: Self, c: Self) -> Self {
-        c - self * b
-    }
-
-    #[inline(always)]
     fn abs(self) -> Self {
         Self(self.0.abs())
     }

@@ -20,6 +20,7 @@ use crate::reduced_chart::Stopped;
 use crate::resample::Surround;
 use crate::simd::lanes::MAX_LANES;
 use crate::simd::{Simd, UnfusedOp};
+use std::ops::Range;
 use std::sync::Mutex;
 use std::sync::atomic::{AtomicBool, Ordering};
 
@@ -61,6 +62,13 @@ impl CellWeights {
         }
         (from, &self.weights[from - self.first..to - self.first])
     }
+}
+
+/// The cells of `all` that have pixels from `from` to `to`.
+fn with_pixels(all: &[CellWeights], from: usize, to: usize) -> Range<usize> {
+    let has = |cell: &CellWeights| !cell.within(from, to).1.is_empty();
+    let last = all.iter().rposition(has).expect("a pixel has cells");
+    all.iter().position(has).expect("as the last")..last + 1
 }
 
 /// Cells along one axis of the chart.
@@ -284,10 +292,9 @@ impl<'a> StripReader<'a> {
     /// Sums the `height` rows from `top` on.
     fn read(&mut self, top: usize, height: usize) -> Result<(), SourceSinkError> {
         let (of_rows, of_columns) = self.weights;
-        let has_rows = |cell: &CellWeights| !cell.within(top, top + height).1.is_empty();
-        self.first_cell = of_rows.iter().position(has_rows).expect("a row has cells");
-        let last = of_rows.iter().rposition(has_rows).expect("a row has cells");
-        let of_rows = &of_rows[self.first_cell..=last];
+        let rows = with_pixels(of_rows, top, top + height);
+        self.first_cell = rows.start;
+        let of_rows = &of_rows[rows];
         self.cells.clear();
         self.cells.resize(of_rows.len() * of_columns.len(), 0.0);
         let chart_width = self.chart.size().width;
@@ -308,11 +315,10 @@ impl<'a> StripReader<'a> {
                     }
                 }
             }
-            let has_columns = |cell: &CellWeights| !cell.within(left, left + width).1.is_empty();
-            let first = of_columns.iter().position(has_columns).expect("a column has cells");
-            let last = of_columns.iter().rposition(has_columns).expect("a column has cells");
+            let columns = with_pixels(of_columns, left, left + width);
+            let first = columns.start;
             let parts: Vec<_> =
-                of_columns[first..=last].iter().map(|cell| cell.within(left, left + width)).collect();
+                of_columns[columns].iter().map(|cell| cell.within(left, left + width)).collect();
             for (to, sums) in self.cells.chunks_exact_mut(of_columns.len()).zip(self.down.chunks_exact(width))
             {
                 for (to, (pixel, weights)) in to[first..].iter_mut().zip(&parts) {

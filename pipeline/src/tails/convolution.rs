@@ -84,7 +84,7 @@ pub(super) fn convolve_levels(
         Isa::Avx512 => Engine::<Unfused<Avx512>>::new(plan, simd).levels(frame, lights, threads),
         #[cfg(target_arch = "x86_64")]
         Isa::Avx2 => Engine::<Unfused<Avx2>>::new(plan, simd).levels(frame, lights, threads),
-        _ => Engine::<Plain>::new(plan, Simd::PORTABLE).levels(frame, lights, threads),
+        _ => Engine::<Plain>::new(plan, simd).levels(frame, lights, threads),
     }
 }
 

@@ -57,7 +57,7 @@ pub(super) fn out_size(bins: &BinGrid) -> Size {
 /// The light of `coarse` bins: from the `fine` ones of which [`GROWTH`] make a side, where all that a bin reads are there, else directly.
 fn coarser(light: &dyn Light, (fine, values): (&BinGrid, &[f32]), coarse: &BinGrid) -> Vec<f32> {
     let taps = transposed::<COARSE_TAPS>();
-    let Size { height: rows, width: columns } = coarse.size();
+    let Size { width: columns, .. } = coarse.size();
     let Size { height: fine_rows, width: fine_columns } = fine.size();
     // First fine bin that a coarse one reads, if it reads only bins that there are.
     let first = |index: usize, count: usize| -> Option<usize> {
@@ -80,7 +80,7 @@ fn coarser(light: &dyn Light, (fine, values): (&BinGrid, &[f32]), coarse: &BinGr
     }
     let mut out = vec![0f32; coarse.size().pixels()];
     let mut sums = vec![0.0; lines.len()];
-    for (row, to) in out.chunks_exact_mut(columns).enumerate().take(rows) {
+    for (row, to) in out.chunks_exact_mut(columns).enumerate() {
         let Some(from) = first(row, fine_rows) else {
             light::of_row(light, coarse, row, 0, to);
             continue;

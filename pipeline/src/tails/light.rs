@@ -20,15 +20,10 @@ pub(super) const SAMPLES: usize = 2;
 const TAPS: usize = 4 * SAMPLES;
 const FIRST: i64 = first_part(TAPS);
 
-/// Light at a place (row, column) of the film, pixel centres at integers.
+/// Light at places of the film, pixel centres at integers.
 pub trait Light: Sync {
-    /// The remapped image there, whether on the film or beyond.
-    fn at(&self, y: f64, x: f64) -> f64;
-
-    /// The remapped image along row `y`, at `out.len()` places `step` film pixels apart from `x` on.
-    fn along(&self, y: f64, x: f64, step: f64, out: &mut [f32]) {
-        out.iter_mut().enumerate().for_each(|(i, to)| *to = self.at(y, x + i as f64 * step) as f32);
-    }
+    /// The remapped image along row `y`, at `out.len()` places `step` film pixels apart from `x` on, whether on the film or beyond.
+    fn along(&self, y: f64, x: f64, step: f64, out: &mut [f32]);
 }
 
 /// Mean light of the bins, row by row, on `threads` threads.
@@ -150,9 +145,14 @@ mod tests {
     }
 
     struct Wave;
-    impl Light for Wave {
-        fn at(&self, y: f64, x: f64) -> f64 {
+    impl Wave {
+        fn at(y: f64, x: f64) -> f64 {
             1.0 + 0.02 * y - 0.01 * x + 1e-4 * x * y
+        }
+    }
+    impl Light for Wave {
+        fn along(&self, y: f64, x: f64, step: f64, out: &mut [f32]) {
+            out.iter_mut().enumerate().for_each(|(i, to)| *to = Self::at(y, x + i as f64 * step) as f32);
         }
     }
 
@@ -164,7 +164,7 @@ mod tests {
         let Size { height: rows, width: columns } = bins.size();
         for (row, column) in [(0, 0), (33, 7), (rows - 1, columns - 1), (31, 54), (32, 0)] {
             let centre = |i: usize| (i as f64 - 5.0 + 0.5) * 8.0 - 0.5;
-            let expected = Wave.at(centre(row), centre(column));
+            let expected = Wave::at(centre(row), centre(column));
             let found = f64::from(one[row * columns + column]);
             assert!(
                 (found - expected).abs() < 1e-6 * expected.abs().max(1.0),

@@ -27,11 +27,6 @@ struct RemappedLight<'a> {
 }
 
 impl Light for RemappedLight<'_> {
-    fn at(&self, y: f64, x: f64) -> f64 {
-        let (row, column, gain) = self.map.at_place(y, x);
-        gain * self.cells.at(row, column)
-    }
-
     fn along(&self, y: f64, x: f64, step: f64, out: &mut [f32]) {
         let at = |i: usize| {
             let (row, column, gain) = self.map.at_place(y, x + i as f64 * step);

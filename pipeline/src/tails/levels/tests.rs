@@ -5,13 +5,8 @@ use crate::geometry::Size;
 use crate::lens::LensBand;
 use crate::lens::tail::{BandTail, Coefficients, value};
 use crate::simd::Isa;
-
-/// The layer of `light` with a margin of 2 bins.
-fn layer_of(plan: &TailPlan, frame: &Frame, light: &dyn Light, simd: Simd, threads: usize) -> Vec<f32> {
-    layer(plan, frame, lights(plan, light, threads), 2, simd, threads)
-}
-
 use crate::tails::MAX_BIN_PX;
+use crate::tails::convolution::Harmonics;
 
 const PITCH_UM: f64 = 2.0;
 
@@ -45,9 +40,14 @@ fn band(inner_px: f64) -> LensBand {
 struct Exact<F>(F);
 
 impl<F: Fn(f64, f64) -> f64 + Sync> Light for Exact<F> {
-    fn at(&self, y: f64, x: f64) -> f64 {
-        (self.0)(y, x)
+    fn along(&self, y: f64, x: f64, step: f64, out: &mut [f32]) {
+        out.iter_mut().enumerate().for_each(|(i, to)| *to = (self.0)(y, x + i as f64 * step) as f32);
     }
+}
+
+/// The layer of `light` with a margin of 2 bins.
+fn layer_of(plan: &TailPlan, frame: &Frame, light: &dyn Light, simd: Simd, threads: usize) -> Vec<f32> {
+    layer(plan, frame, lights(plan, light, threads), 2, simd, threads)
 }
 
 /// The layer at film pixel (y, x), from its values on bins with a margin of 2.
@@ -156,7 +156,7 @@ fn harmonics_of_the_azimuth_have_no_light_on_bins() {
     let film = Size::new(400, 300);
     let plan = TailPlan::new(&Frame::centred(film, film, PITCH_UM), &band(20.5)).unwrap();
     for level in [0, 1] {
-        for terms in crate::tails::convolution::Harmonics::new(&plan, level).0 {
+        for terms in Harmonics::new(&plan, level).0 {
             for (m, [even, odd]) in terms.iter().enumerate() {
                 let light = even.iter().map(|v| v.abs()).sum::<f64>();
                 let sums = [even, odd].map(|all| all.iter().sum::<f64>().abs() / light);

@@ -135,7 +135,8 @@ fn light_along_rows_is_that_of_places() {
         for y in [-60.0, 3.25, 120.5, 300.0] {
             light.along(y, -70.5, 3.0, &mut row);
             for (i, found) in row.iter().enumerate() {
-                let expected = light.at(y, -70.5 + 3.0 * i as f64);
+                let (row, column, gain) = light.map.at_place(y, -70.5 + 3.0 * i as f64);
+                let expected = gain * cells.at(row, column);
                 assert!(
                     (f64::from(*found) - expected).abs() < 2e-3,
                     "{surround:?} {y} {i}: {found} {expected}"
