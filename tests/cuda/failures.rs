@@ -9,8 +9,7 @@ pub fn tiles_of_a_lost_device_are_computed_by_the_others() {
     for streams in ["eager", "deferred"] {
         for n in ["1", "4", "9", "15"] {
             let fault = format!("lost:1:{n}");
-            let settings =
-                [("DEVICES", "2"), ("DELAY_US", "2000,0"), ("FAULTS", &fault), ("STREAMS", streams)];
+            let settings = [("DEVICES", "2"), ("UNTIL_LOST", "1"), ("FAULTS", &fault), ("STREAMS", streams)];
             assert_exit(
                 &run(&job, "cuda", &settings),
                 0,

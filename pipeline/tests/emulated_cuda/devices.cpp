@@ -7,6 +7,7 @@
 //   EMULATED_CUDA_DRIVER=12020           version (12020); newer PTX is rejected
 //   EMULATED_CUDA_CUBINS=1               cubins are loaded (their kernels are not executed: those built for the CPU are); else refused
 //   EMULATED_CUDA_DELAY_US=0,500         delay of every kernel of each, us
+//   EMULATED_CUDA_UNTIL_LOST=1           kernels of the other devices end once this one is lost, or after 60 s
 //   EMULATED_CUDA_STREAMS, _ORDER        driver.h, cuda_cpu.h
 //   EMULATED_CUDA_FAULTS=lost:1:3,...    KIND:DEVICE:N, fault of the N-th (from 1) launch or allocation of a device:
 //                                        lost, kernel (breaks the context), refused (this launch only), memory, host-memory
@@ -17,7 +18,9 @@
 #include "driver.h"
 #include <cstdarg>
 #include <cstdio>
+#include <chrono>
 #include <cstdlib>
+#include <thread>
 
 namespace emulated {
 
@@ -94,6 +97,12 @@ static std::vector<std::unique_ptr<Device>> &devices() {
 
 static Device *find(CUdevice device) {
     return device >= 0 && size_t(device) < devices().size() ? devices()[device].get() : nullptr;
+}
+
+void wait_until_lost(const Device &device) {
+    Device *other = find(int(setting("UNTIL_LOST", 0, -1)));
+    if (!other || other == &device) return;
+    for (int ms = 0; ms < 60000 && other->lost == SUCCESS; ++ms) std::this_thread::sleep_for(std::chrono::milliseconds(1));
 }
 
 static thread_local Device *current = nullptr;

@@ -8,6 +8,7 @@
 //             kernels that still use its memory
 #pragma once
 #include "cuda_cpu.h"
+#include <atomic>
 #include <deque>
 #include <map>
 #include <memory>
@@ -79,7 +80,7 @@ struct Device {
     std::recursive_mutex lock;
     int major = 9, minor = 0;
     size_t memory = 0, used = 0, peak = 0;
-    CUresult lost = SUCCESS;       // result of every call once the device is lost
+    std::atomic<CUresult> lost = SUCCESS;   // result of every call once the device is lost
     unsigned long launches = 0, allocations = 0, host_allocations = 0, up = 0, down = 0;
     int delay_us = 0;              // added to every kernel
     std::map<uintptr_t, size_t> live;
@@ -114,6 +115,8 @@ void release_all(Device &device);
 bool fails(const char *kind, int device, unsigned long n);
 // Result of the n-th launch of a device, or 0: EMULATED_CUDA_FAULTS=error-CODE:device:n,...
 CUresult error_of_launch(int device, unsigned long n);
+// Waits for the loss of the device of the setting UNTIL_LOST, unless `device` is that one.
+void wait_until_lost(const Device &device);
 const char *setting(const char *name);
 // The i-th value of a list, or its last one.
 double setting(const char *name, int i, double otherwise);

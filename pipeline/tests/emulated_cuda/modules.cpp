@@ -114,6 +114,7 @@ static CUresult check(const Function &f, dim3 grid, dim3 block, size_t shared) {
 
 static CUresult execute(Device &d, const Function &f, dim3 grid, dim3 block, size_t shared, const Call &call) {
     const char *error = idle() ? nullptr : run(grid, block, shared, call);
+    wait_until_lost(d);
     if (d.delay_us) std::this_thread::sleep_for(std::chrono::microseconds(d.delay_us));
     return error ? wrong(LAUNCH_FAILED, "%s: %s", f.name.c_str(), error) : SUCCESS;
 }

@@ -156,7 +156,17 @@ fn damaged_chart_chunk_exits_1_and_names_the_file() {
     fs::write(&chunk, &good[..good.len() / 2]).unwrap();
     fs::remove_dir_all(&job.film).unwrap();
     job.assert_fails(&[], &["chart/c/1/0/0", "damaged"]);
-    // The restored file has another modification time, so the job has another chart; the film has no shard yet.
+}
+
+#[test]
+fn restored_chart_is_another_chart_that_begins_a_film_without_a_shard_again() {
+    // Of one band, whose only shard needs the damaged chunk: of several, others may be written before the failure.
+    let job = SmallJob::with(Picture::noise(5, Size::new(90, 100), 1));
+    let chunk = job.chart.join("chart/c/0/0/0");
+    let good = fs::read(&chunk).unwrap();
+    fs::write(&chunk, &good[..good.len() / 2]).unwrap();
+    job.assert_fails(&[], &["chart/c/0/0/0", "damaged"]);
+    // The restored file has another modification time, so the job has another chart.
     fs::write(&chunk, &good).unwrap();
     let ran = job.run(&[]).ok();
     assert!(ran.stderr.contains("has no shard yet"), "{}", ran.stderr);
