@@ -270,6 +270,8 @@ fn fifos_are_no_inputs_but_texts() {
         (&["pyramid", plain], "film"),
         (&["view", film], "film"),
         (&["sensor", "show", plain], "sensor description"),
+        (&["run", "--plan", plain, "--unit", "0"], "plan"),
+        (&["status", chart, "--plan", plain], "plan"),
     ] {
         let ran = lenscube("", words);
         assert_eq!(ran.code, 2, "{words:?}: {}", ran.stderr);

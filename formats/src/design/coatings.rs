@@ -122,8 +122,13 @@ impl CoatingFile {
     /// The coatings that the file gives to the surfaces of a lens: its default, else none, and those it names.
     ///
     /// # Errors
-    /// As [`CoatingFile::get`].
+    /// As [`CoatingFile::get`]; no surface has a coating.
     pub fn coatings(&self) -> Result<Coatings, LensFileError> {
+        if self.default.is_none() && self.surfaces.is_empty() {
+            return Err(error(
+                "the file gives no surface a coating; name one in `default` or [surface] (bare surfaces: --coatings none)",
+            ));
+        }
         let default = match &self.default {
             Some(name) => self.get(name)?.unwrap_or(constant("ideal", 1.0, 0.0)),
             None => Coating::Bare,

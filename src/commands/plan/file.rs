@@ -2,6 +2,7 @@
 
 use super::command_line::CommandLine;
 use crate::failure::{code, exit_code, other_job, usage};
+use crate::outputs::Guard;
 use anyhow::{Context, Result};
 use formats::durable::{Directory, check_writable, link_target, parent_of, read_file_at_most};
 use formats::film::FilmStore;
@@ -149,8 +150,9 @@ impl Plan {
     /// Reads a plan; its name is the first digits of its digest.
     ///
     /// # Errors
-    /// Missing; not a plan, or an edited one (exit code 3).
+    /// Missing; not a plan, or an edited one (exit code 3); a FIFO or device (2).
     pub fn read(path: &Path) -> Result<(Self, String)> {
+        Guard::default().reads("plan", path).check()?;
         let shown = path.display();
         let not_plan = |what: &str| {
             other_job(format!(

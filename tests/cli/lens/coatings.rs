@@ -64,6 +64,11 @@ fn coatings_of_a_file_are_those_of_the_flag() {
     fs::write(job.at("wrong.toml"), "default = \"x\"\n").unwrap();
     let wrong = job.run("cache", "wrong", &["--coatings", text(&job.at("wrong.toml"))]);
     assert_error_line(&wrong, 1, &["wrong.toml", "no coating `x`", "mgf2"]);
+    for no_surface in ["", "[coating.x]\nreflectance = 0.5\n"] {
+        fs::write(job.at("empty.toml"), no_surface).unwrap();
+        let empty = job.run("cache", "wrong", &["--coatings", text(&job.at("empty.toml"))]);
+        assert_error_line(&empty, 1, &["empty.toml", "no surface a coating", "--coatings none"]);
+    }
     assert_exit(&job.run("cache", "wrong", &["--coatings", "mfg2"]), 2, &["ideal, none, mgf2"]);
     let pack = job.run("cache", "wrong", &["--lens", "double-gauss-28-npz", "--coatings", "mgf2"]);
     assert_exit(&pack, 2, &["--coatings", "lens pack"]);
