@@ -25,7 +25,7 @@ pub(super) fn check_blur(job: &TracingJob<'_>, depth: &TracedFor<'_>, trace: &Tr
     };
     Err(usage(format!(
         "a surface at {} is blurred to a radius of {} mm by {}, in focus at {}; PSFs on this film hold surfaces from {} to {}: choose a \
-         focus nearer to the scene (--focus-m), a scene of a shorter range of distances, or a lens with a smaller aperture",
+         focus nearer to the scene (--focus-m), wider PSFs (--max-window-px), a scene of a shorter range of distances, or a lens with a smaller aperture",
         at(worst),
         short_number(blur_mm),
         job.name,

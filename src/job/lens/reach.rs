@@ -8,7 +8,7 @@
 //! 2. beyond F, and for designs with an axial field point alone, 20 steps a decade from F or from 1 mm.
 //!
 //! A band reaches beyond its step by half the diagonal of its PSF window, whatever the film needs. Where a lens cannot be traced so far, the margin
-//! is smaller, and at last the band reaches as far as its film needs.
+//! is smaller, then the band reaches as far as its film needs, and at last to the film's corner.
 
 use super::samples::design_reach_mm;
 use super::tracing_job::{TracingJob, trace_options, trace_pitch_um};
@@ -34,6 +34,8 @@ const OF_FARTHEST: f64 = 0.99;
 const ROUNDING: f64 = 1e-9;
 /// Film pitches over their trace pitch, at most: the largest ratio of two trace pitches.
 const LARGER_PITCH: f64 = 1.3;
+/// Film pixels beyond the film's corner that a band reaches at least.
+const EDGE_PX: f64 = 2.0;
 /// Windows over their estimate from rays.
 const OVER_ESTIMATE: f64 = 1.1;
 
@@ -112,9 +114,19 @@ impl<'a> Reach<'a> {
         if of_step.is_empty() && own.reach_mm <= last_mm {
             of_step.push(last_mm);
         }
-        let of_film = of_step.last().is_none_or(|mm| own.reach_mm < *mm).then_some(own);
         let of_step = of_step.into_iter().map(|reach_mm| BandReach { step_mm: Some(step_mm), reach_mm });
-        of_step.chain(of_film).collect()
+        // Of the film alone: with that margin, with its own windows, and no farther than the film.
+        let window_mm = self.window_mm(tracer.wavelength_um, film_mm).max(self.blur_mm);
+        let edge_mm = film_mm + EDGE_PX * 1e-3 * self.film_pitch_um;
+        let of_film =
+            [own, BandReach::up_to(film_mm + window_mm), BandReach { step_mm: None, reach_mm: edge_mm }];
+        let mut all: Vec<BandReach> = Vec::new();
+        for reach in of_step.chain(of_film) {
+            if all.last().is_none_or(|before| reach.reach_mm < before.reach_mm) {
+                all.push(reach);
+            }
+        }
+        all
     }
 
     /// Half the diagonal of the kernels that are expected from rays at `um` up to `step_mm`, mm; 0 without an estimate.
@@ -195,8 +207,14 @@ mod tests {
         let last_mm = 0.99 * Tracer::new(&system, 0.55).unwrap().farthest_field().0;
         let within = BandReach { step_mm: Some(last_mm), reach_mm: last_mm };
         let film_mm = last_mm - 1.0;
-        assert_eq!(reaches(last_mm, &[last_mm], film_mm), [within, BandReach::up_to(film_mm + 0.25)]);
-        assert_eq!(reaches(last_mm, &[last_mm], last_mm), [BandReach::up_to(last_mm + 0.25)]);
+        // Without PSFs there is no window: at last the film alone.
+        let edge = |mm: f64| BandReach { step_mm: None, reach_mm: mm + 2.0 * 1.3 * 2e-3 };
+        let of_film = |mm: f64| [BandReach::up_to(mm + 0.25), BandReach::up_to(mm + 2.1e-3 * 1.3), edge(mm)];
+        let all = reaches(last_mm, &[last_mm], film_mm);
+        assert_eq!((all[0], all[1], *all.last().unwrap()), (within, of_film(film_mm)[0], edge(film_mm)));
+        let all = reaches(last_mm, &[last_mm], last_mm);
+        assert_eq!((all[0], *all.last().unwrap()), (of_film(last_mm)[0], edge(last_mm)));
+        assert!(all.windows(2).all(|pair| pair[1].reach_mm < pair[0].reach_mm), "{all:?}");
     }
 
     #[test]

@@ -236,7 +236,16 @@ impl BandTracer<'_> {
                 found => return found,
             }
         }
-        self.covering_window(nm, &chief_rays, *last)
+        let covering = self.covering_window(nm, &chief_rays, *last);
+        let is_clamped = job.options.interpolation.outside == Outside::Clamp;
+        covering.map_err(|e| match e.downcast_ref() {
+            Some(DesignError::Ray { .. } | DesignError::Unresolved { .. }) if !is_clamped => e.context(format!(
+                "the film with half a PSF window reaches {:.4} mm from the axis and beyond, where the lens cannot be traced; make the film smaller (--film-size), or \
+                 take the last values there (`lenscube run --outside clamp`)",
+                corner_mm
+            )),
+            _ => e,
+        })
     }
 
     /// Band at `nm` up to `reach`, or up to the wider reach that its window needs.

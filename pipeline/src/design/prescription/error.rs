@@ -114,6 +114,17 @@ pub enum DesignError {
         /// Why.
         problem: String,
     },
+    /// Rays that do not resolve the pupil of a PSF.
+    #[error(
+        "the PSF at {height_mm:.4} mm and {um} µm has {share:.4} of its light in its window: near the end of the lens's field its rays do not resolve the pupil; use a smaller field", um = tidy(.wavelength_um))]
+    Unresolved {
+        /// Real image height, mm.
+        height_mm: f64,
+        /// Wavelength, µm.
+        wavelength_um: f64,
+        /// Sum of its samples over the light of its pupil.
+        share: f64,
+    },
     /// The PSFs need a window larger than the maximum.
     #[error(
         "a window of {max_px} film pixels, the maximum, holds {:.1} % of the light of the PSF at {height_mm:.3} mm and {um} µm, at least {:.1} % requested: the lens is out of focus or the film's pixels are too fine; move the film (`--image-plane rms`), trace for coarser pixels (`--film-pitch-um`), allow less light (`--energy`) or a wider window (`--max-window-px`)",

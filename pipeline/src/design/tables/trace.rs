@@ -19,7 +19,7 @@ pub use super::refine::NodeError;
 pub use super::shared_nodes::{SharedNodes, node_wavelengths};
 pub use super::window::LEAST_TAIL_WINDOW_PX;
 use super::window::{Windows, core_samples, for_tails, half_samples, window};
-use crate::bounds::TRANSMISSION;
+use crate::bounds::{PSF_ENERGY, TRANSMISSION};
 use crate::design::prescription::error::DesignError;
 use crate::design::prescription::system::System;
 use crate::design::psf::pupil_stack::{PupilStack, normalise};
@@ -251,6 +251,10 @@ impl<'a> LensTrace<'a> {
                 (stack, PupilStack::new(&grid, Vec::new()))
             }
         };
+        let mut shares = std::iter::zip(&chosen.heights, &stack.1);
+        if let Some((&height_mm, &share)) = shares.find(|(_, s)| **s > PSF_ENERGY.max || s.is_nan()) {
+            return Err(DesignError::Unresolved { height_mm, wavelength_um: nm / 1e3, share });
+        }
         report_step("PSFs", chosen.heights.len() * self.band.map_or(1, |band| band.samples));
         let report = BandReport {
             wavelength_nm: nm,
