@@ -4,11 +4,11 @@ pub mod record;
 pub mod reported;
 
 use crate::args::RunArgs;
-use crate::failure::other_job;
-use crate::job::{Contents, DIGEST, Job, MTIMES, UntracedJob, argument, contents};
+use crate::failure::{other_job, usage};
+use crate::job::{Contents, DIGEST, GHOSTS, Job, MTIMES, UntracedJob, argument, contents};
 use crate::progress::log_line;
 use anyhow::{Result, bail};
-use formats::durable::{Lock, Store, fault_point, link_target, parent_of, sweep_entries};
+use formats::durable::{Lock, Store, fault_point, is_url, link_target, parent_of, sweep_entries};
 use formats::film::{FilmSpec, FilmStore};
 use formats::group::{GroupError, JobGroup};
 use formats::object;
@@ -96,20 +96,45 @@ pub fn open_store(args: &RunArgs, hint: &str) -> Result<FilmStore> {
     })
 }
 
-/// Fails if a film of another job is there, before the lens of `job` is traced: then all is compared but the lens, and the content of a chart that is
+/// Fails if the film cannot lie there, or a film of another job is there, before the lens of `job` is traced: then all is compared but the lens, and the content of a chart that is
 /// identified by it.
 ///
 /// # Errors
 /// As [`open`] of an existing film.
 pub fn check_before_tracing(job: &UntracedJob<'_>, args: &RunArgs) -> Result<()> {
+    check_parent(&args.film)?;
     if !job.is_design() || args.process.overwrite || !Store::at(&link_target(&args.film))?.exists()? {
         return Ok(());
     }
     let store = open_store(args, "")?;
     let identity = job.identity_with_lens_of(&recorded_job(&store))?;
-    match check_same_job(&store, &identity, &job.film, args) {
+    let same_lens = || match store.provenance().get("source").and_then(|source| job.lens_difference(source)) {
+        None => Ok(()),
+        Some(difference) => Err(other_job(format!(
+            "{} exists and belongs to another job, with another lens: {difference}; choose another path, or start again with --overwrite",
+            store.path().display()
+        ))),
+    };
+    match check_same_job(&store, &identity, &job.film, args).and_then(|()| same_lens()) {
         Err(_) if has_only_failed_runs(&store)? => Ok(()),
         same => same,
+    }
+}
+
+/// Fails (exit code 2) if what the film would lie in is a file.
+fn check_parent(film: &Path) -> Result<()> {
+    if is_url(film) {
+        return Ok(());
+    }
+    let target = link_target(film);
+    let existing = target.ancestors().skip(1).find(|path| path.symlink_metadata().is_ok());
+    match existing.filter(|path| !path.is_dir()) {
+        None => Ok(()),
+        Some(file) => Err(usage(format!(
+            "{}: {} is not a directory; choose another path for the film",
+            film.display(),
+            file.display()
+        ))),
     }
 }
 
@@ -129,6 +154,10 @@ fn check_same_job(
     let mut differing = differences(&recorded, identity);
     // A stage with flags of its own is named by these.
     differing.retain(|(key, ..)| key != STAGES || switches(&recorded) != switches(identity));
+    // Bands that are integrated have no tails.
+    if differing.iter().any(|(key, ..)| key == "band_samples") {
+        differing.retain(|(key, ..)| key != "tails");
+    }
     differing.extend(layout_differences(store.spec(), film));
     let trusted = |key: &&str| args.trust_input && is_trustable(key, &recorded);
     let keys: Vec<&str> = differing.iter().map(|d| d.0.as_str()).filter(|k| !trusted(k)).collect();
@@ -226,7 +255,14 @@ pub fn differences(recorded: &Map<String, Value>, requested: &Map<String, Value>
     };
     let keys: BTreeSet<&String> = requested.keys().chain(recorded.keys()).collect();
     let differing = keys.into_iter().filter(|k| requested.get(*k) != recorded.get(*k));
-    differing.map(|k| (k.clone(), show(recorded, k), show(requested, k))).collect()
+    let of_key = |k: &String| match (k.as_str(), recorded.get(k), requested.get(k)) {
+        // Ghosts have flags of their own.
+        (GHOSTS, Some(Value::Object(a)), Some(Value::Object(b))) => {
+            differences(a, b).into_iter().map(|(part, a, b)| (format!("{GHOSTS}.{part}"), a, b)).collect()
+        }
+        _ => vec![(k.clone(), show(recorded, k), show(requested, k))],
+    };
+    differing.flat_map(of_key).collect()
 }
 
 /// `recorded` with what is part of the identity from `requested`.

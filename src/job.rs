@@ -42,13 +42,14 @@ pub use arguments::default_options;
 pub use bands::PlannedBands;
 pub use identity::{Contents, contents};
 pub use inputs::chosen_bands;
-pub use keys::{DIGEST, MTIMES, argument};
+pub use keys::{DIGEST, GHOSTS, MTIMES, argument};
 pub use numeric_version::numeric_version;
 pub use tails::tail_bins_px;
 
 use crate::args::engine::Engine;
 use crate::args::{Device, RunArgs};
 use crate::job::layers::JobLayer;
+use crate::job::lens::request::difference;
 use crate::job::lens::{JobLens, UntracedLens};
 use crate::job::memory::Memory;
 use crate::machine::excess_note;
@@ -69,6 +70,9 @@ use serde_json::{Map, Value};
 use stretch::RemapStretch;
 use tails::JobTail;
 use veil::JobVeil;
+
+/// Key of the record of a design in the attribute `source` of a film.
+const LENS_REQUEST: &str = "lens_request";
 
 /// A job, ready to run. A *position* is the index of a band among those that this process computes.
 pub struct Job {
@@ -186,11 +190,6 @@ impl<'a> UntracedJob<'a> {
         Ok(Self { args, planned, arguments, inputs, lens, has_tails, layers, film })
     }
 
-    /// Film pitch, µm.
-    pub fn pitch_um(&self) -> f64 {
-        self.inputs.frame.pitch_um
-    }
-
     /// Whether its lens is a design, which is traced unless its bands are in the cache.
     pub fn is_design(&self) -> bool {
         matches!(self.lens, UntracedLens::Design(_))
@@ -202,6 +201,11 @@ impl<'a> UntracedJob<'a> {
         let bands = self.inputs.chart_bands();
         let film = pixels * self.film.sample.bytes() as u64 * bands.len() as u64;
         (film, self.inputs.chart.temporary_bytes(&bands))
+    }
+
+    /// Why the lens of a film with the attribute `source` is not that of this job, as far as that is known before it is traced.
+    pub fn lens_difference(&self, source: &Value) -> Option<String> {
+        difference(source.get(LENS_REQUEST)?, &self.lens.request(self.args)?)
     }
 
     /// The identity of the job with the lens of `recorded`, without the state of the chart's files where their content identifies them.
@@ -233,6 +237,7 @@ impl<'a> UntracedJob<'a> {
     /// Every other error of the run that can be found before its first pixel.
     pub fn traced(self) -> Result<Job> {
         let Self { args, planned, mut arguments, mut inputs, lens, has_tails, mut layers, film } = self;
+        let request = lens.request(args);
         let mut plan = JobPlan::new(&arguments, &inputs, lens, film)?;
         if has_tails {
             plan.add_tails(&inputs, &arguments.options);
@@ -288,8 +293,12 @@ impl<'a> UntracedJob<'a> {
             false => {}
         }
         notes.extend(device.notes);
+        let mut source = identity::source(args, &inputs.chart);
+        if let Some(request) = request {
+            source[LENS_REQUEST] = request;
+        }
         Ok(Job {
-            source: identity::source(args, &inputs.chart),
+            source,
             chart_bands,
             chart: inputs.chart,
             depth: inputs.depth,

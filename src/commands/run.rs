@@ -34,7 +34,7 @@ use crate::film;
 use crate::job::Job;
 use crate::job::depth::Depth;
 use crate::job::film_engine;
-use crate::job::stages::prepare;
+use crate::job::stages::{layers, prepare, without_layers};
 use crate::open;
 use crate::outputs::Guard;
 use crate::progress::interrupt;
@@ -235,6 +235,7 @@ fn compute_missing(task: &Task<'_>, mut job: Job) -> Result<u8> {
     let requested = shards::requested(&job, units);
     let all: usize = requested.iter().map(BTreeSet::len).sum();
     if shards::missing(&job, store, &requested)?.iter().all(BTreeSet::is_empty) {
+        restore_layers(task, &job)?;
         return task.already_complete(all, if units.is_some() { "are" } else { "is" });
     }
     let lock = task.lock_and_sweep()?;
@@ -250,6 +251,25 @@ fn compute_missing(task: &Task<'_>, mut job: Job) -> Result<u8> {
     let code = execute(task, &job, &count, missing);
     drop(lock);
     code
+}
+
+/// Computes the layers of light that were lost from a film whose shards, which have their light, are complete.
+fn restore_layers(task: &Task<'_>, job: &Job) -> Result<()> {
+    let lost = without_layers(job, Some(task.store))?;
+    if !lost.contains(&true) {
+        return Ok(());
+    }
+    let _lock = task.lock_and_sweep()?;
+    for position in (0..lost.len()).filter(|position| lost[*position]) {
+        let nm = job.plans[position].lens.wavelength_nm;
+        log_line(format!(
+            "layers of light of band {} ({} nm): lost, computed again",
+            job.film_bands[position],
+            number(nm)
+        ));
+        layers(job, task.store, position).map_err(anyhow::Error::from_boxed)?;
+    }
+    Ok(())
 }
 
 /// Computes and writes the shards `missing`, per position of the job.

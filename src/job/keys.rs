@@ -5,6 +5,9 @@ pub const MTIMES: &str = "chart_mtimes";
 /// Key of the digests of the input files' bytes, of a job with `--check-input`; it has no modification times.
 pub const DIGEST: &str = "chart_digest";
 
+/// Key of the ghosts, whose parts are an object.
+pub const GHOSTS: &str = "ghosts";
+
 /// A key of the identity or layout in the words of the command line.
 pub fn argument(key: &str) -> String {
     match key {
@@ -18,6 +21,11 @@ pub fn argument(key: &str) -> String {
         "rois" => "--roi".into(),
         "axis_px" => "--axis".into(),
         "center_mm" => "--center".into(),
+        "ghosts.design" => "--coatings or --lens of the ghosts (digest)".into(),
+        "ghosts.rings" => "--ghost-rings".into(),
+        "ghosts.sensor_reflectance" => "--sensor-reflectance".into(),
+        "veil_version" => "version of glare and scatter".into(),
+        "ghosts.version" => "version of the ghosts".into(),
         "numeric_version" => "numeric version of the program".into(),
         "units" | "wavelengths" | "outputs" => key.into(),
         other => format!("--{}", other.replace('_', "-")),

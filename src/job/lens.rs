@@ -8,6 +8,7 @@ pub mod depth_nodes;
 pub mod energy;
 mod estimate;
 mod reach;
+pub mod request;
 pub mod samples;
 pub mod tails;
 mod traced;

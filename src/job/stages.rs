@@ -47,7 +47,7 @@ pub fn stages(job: &Job, position: usize) -> Result<BandStages, StageError> {
 ///
 /// # Errors
 /// A stored layer is damaged; the chart cannot be read; the film cannot be written.
-fn layers(job: &Job, store: &FilmStore, position: usize) -> Result<Vec<Layer>, SourceSinkError> {
+pub fn layers(job: &Job, store: &FilmStore, position: usize) -> Result<Vec<Layer>, SourceSinkError> {
     let band = job.film_bands[position];
     let seen = job.depth.as_ref().filter(|depth| !depth.is_opaque());
     let seen = seen.map(|depth| SeenChart::new(job.chart.source(), depth.sheets()));

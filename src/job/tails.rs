@@ -137,7 +137,8 @@ pub fn note(args: &RunArgs, plan: &JobPlan, has_depth: bool) -> Option<String> {
         return None;
     }
     let first = without().next()?;
-    if matches!(plan.lens, JobLens::Pack(_)) && without().count() == plan.bands.len() {
+    let has_none = plan.bands.iter().all(|band| band.lens.tail.is_none());
+    if matches!(plan.lens, JobLens::Pack(_)) && has_none {
         return Some(format!(
             "the lens pack has no tails: {scaled}, so edges are up to {error:.1} % of white wrong; `lenscube lens trace` makes a pack with tails"
         ));

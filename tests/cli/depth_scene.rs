@@ -160,7 +160,7 @@ fn a_design_is_traced_for_the_distances_of_the_scene() {
     let difference = std::iter::zip(&first[0], &second[0]).fold(0f32, |m, (a, b)| m.max((a - b).abs()));
     assert!(difference > 0.01 * peak, "{difference} of {peak}");
     let changed = run(chart, &film, "phone", &["--focus-m", "0.3", "--depth-tolerance", "0.1"]);
-    assert_exit(&changed, 3, &["belongs to another job", "--lens (digest)"]);
+    assert_exit(&changed, 3, &["belongs to another job", "--focus-m (film 0.4, requested 0.3)"]);
 }
 
 /// Numbers behind each `name` of a text.

@@ -125,7 +125,7 @@ fn bytes_of_a_film_with_ghosts_do_not_depend_on_threads_and_off_is_off() {
     assert!(!scene.dir.path().join("off/veil").exists() && scene.dir.path().join("1/veil").exists());
     // Resumed with other ghosts it is another film.
     let other = [&coated[..], &["--ghosts", "on", "--ghost-rings", "32"]].concat();
-    assert_exit(&scene.run("1", "triplet", &other), 3, &["ghosts"]);
+    assert_exit(&scene.run("1", "triplet", &other), 3, &["--ghost-rings (film 16, requested 32)"]);
     let without = scene.run("1", "triplet", &["--coatings", "none"]);
     assert_exit(&without, 3, &["--ghosts (film"]);
     assert!(!without.stderr.contains("--stages"), "{}", without.stderr);

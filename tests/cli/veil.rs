@@ -244,6 +244,13 @@ fn damaged_layer_is_found_and_repaired_with_the_shards_of_its_band() {
     assert_eq!(status["layers"], serde_json::json!([{"name": "veil", "bands": 2, "bands_done": 1}]));
     job.run("", &VEIL).ok();
     assert!(files(&job.film) == intact);
+    // Shards have their light already: a layer that is lost is made again alone.
+    fs::remove_file(&layer).unwrap();
+    assert_exit(&lenscube(&["status", text(&job.film), "--check"]), 4, &[]);
+    let restored = job.run("", &VEIL);
+    assert_exit(&restored, 0, &["band 1 (", "lost, computed again", "nothing to do"]);
+    assert!(files(&job.film) == intact);
+    assert_exit(&lenscube(&["status", text(&job.film), "--check"]), 0, &[]);
     // With --overwrite of another job the array is removed, too.
     job.run("", &["--overwrite"]).ok();
     assert!(!job.film.join("veil").exists());

@@ -183,7 +183,7 @@ impl Plan {
         SCHEMA.to_owned()
     }
 
-    /// Whether all shards of a unit are present in the film, and their number.
+    /// Whether all shards of a unit and the layers of light of its bands are present in the film, and the number of its shards.
     ///
     /// # Errors
     /// The store cannot be read; an array of the plan is missing in the film.
@@ -197,7 +197,11 @@ impl Plan {
             shards.extend(places.flat_map(|place| unit.bands.iter().map(move |&band| (index, band, place))));
         }
         // In one call: remote stores are queried concurrently.
-        Ok((film.shards_bytes(&shards)?.iter().all(Option::is_some), shards.len()))
+        let has_layers = || -> Result<bool> {
+            unit.bands.iter().try_fold(true, |all, band| Ok(all && film.has_layers(*band)?))
+        };
+        let done = film.shards_bytes(&shards)?.iter().all(Option::is_some) && has_layers()?;
+        Ok((done, shards.len()))
     }
 
     /// Fails (exit code 3) unless `film` is the film of this plan; `path` is that of the plan.

@@ -100,7 +100,14 @@ impl<'a> Monitor<'a> {
                     error = error.context(place);
                 }
                 // After the cause, which this text contains and `failure::line` does not repeat.
-                let text = format!("{}; {incomplete}", failure::text(&error));
+                let is_nan =
+                    error.chain().any(|e| matches!(e.downcast_ref(), Some(ChartError::NotFinite { .. })));
+                let other = if is_nan {
+                    "; with another --nan it begins again, with --overwrite if it has shards"
+                } else {
+                    ""
+                };
+                let text = format!("{}; {incomplete}{other}", failure::text(&error));
                 let error = error.context(text);
                 return Err(Box::new(RunFailure { error, summary: None }));
             }

@@ -131,17 +131,18 @@ impl Status {
             owner,
             alive: dead.map(|dead| !dead),
         };
+        let layers = layers(store)?;
         let attribute = |key: &str| store.provenance().get(key).cloned().unwrap_or_default();
         Ok(Self {
             film: json_path(store.path()),
-            complete: missing.is_empty(),
+            complete: missing.is_empty() && layers.iter().all(|layer| layer.bands_done == layer.bands),
             shards: shards.len(),
             shards_done: shards.len() - missing.len(),
             bytes,
             film_size: [spec.film.height, spec.film.width],
             outputs: spec.outputs.iter().map(|o| o.name.clone()).collect(),
             bands,
-            layers: layers(store)?,
+            layers,
             runs: RunTotals::new(&runs),
             last_run: runs.last().map(LastRun::new),
             locks: JobGroup::locks(store.path())?.into_iter().map(lock).collect(),

@@ -438,6 +438,20 @@ fn what_is_known_before_tracing_is_said_before_it() {
     assert_exit(&other, OTHER_JOB, &["belongs to another job: --film-pitch-um (film 10.0, requested 12.0)"]);
     assert!(!other.stderr.contains("outputs"), "{}", other.stderr);
     untouched(&other, "second");
+    // Another focus, accuracy, or prescription.
+    for (flags, difference) in [
+        (&["--focus-m", "2"][..], "--focus-m (film nothing, requested 2)"),
+        (&["--energy", "0.95"], "--energy (film nothing, requested 0.95)"),
+        (&["--lens", "phone"], "--lens (another prescription)"),
+    ] {
+        let other = job.run("second", "film", &[&["--bands", "0"], flags].concat());
+        assert_exit(
+            &other,
+            OTHER_JOB,
+            &["belongs to another job, with another lens", difference, "--overwrite"],
+        );
+        untouched(&other, "second");
+    }
     let plan = job.at("plan.json");
     let chart = job.at("chart");
     let words = ["plan", text(&chart), text(&job.at("film")), "--film-pitch-um", "12", "-o", text(&plan)]
@@ -447,6 +461,10 @@ fn what_is_known_before_tracing_is_said_before_it() {
     let planned = CommandResult::new(&command.env("XDG_CACHE_HOME", job.at("third")).output().unwrap());
     assert_exit(&planned, OTHER_JOB, &["belongs to another job"]);
     untouched(&planned, "third");
+    std::fs::write(job.at("file"), "").unwrap();
+    let inside = job.run("fourth", "file/film", &["--bands", "0"]);
+    assert_exit(&inside, USAGE, &["file is not a directory"]);
+    untouched(&inside, "fourth");
     // 7 x 7 km of 10 µm pixels, of which no disk holds a band.
     let wide = ["--film-size", "1000000x1000000", "--dry-run"];
     let full = job.run("fourth", "wide", &wide);
@@ -480,4 +498,28 @@ fn what_is_known_before_tracing_is_said_before_it() {
     );
     untouched(&shot, "sixth");
     assert!(!job.at("picture.png.shot").exists());
+}
+
+/// Up to 99.7 % of the field of a lens whose rays are totally reflected a little beyond it: the margin of a band is what the lens passes.
+#[test]
+fn films_near_the_end_of_the_field_are_traced() {
+    let dir = tempfile::tempdir().unwrap();
+    for (nm, size) in [(450, "1300x30"), (550, "2110x40")] {
+        let (chart, film) =
+            (format!("gen:uniform?size={size}&wavelengths={nm}&pitch_um=2"), dir.path().join(size));
+        let mut command = Command::new(env!("CARGO_BIN_EXE_lenscube"));
+        command.args(["run", &chart, text(&film), "--lens", "phone", "--no-fsync"]);
+        let ran =
+            CommandResult::new(&command.env("XDG_CACHE_HOME", dir.path().join("cache")).output().unwrap());
+        assert_exit(&ran, 0, &[]);
+        assert!(!ran.stderr.contains("cannot be stored"), "{}", ran.stderr);
+        let (_, bands) = pixels(&film, "film");
+        // Relative illumination of the lens: 1 on the axis, 0.6 to 0.8 at 1.3 mm.
+        assert!(bands[0].iter().all(|v| (0.3..=1.001).contains(v)));
+    }
+    let beyond = "gen:uniform?size=1900&wavelengths=550&pitch_um=2";
+    let mut command = Command::new(env!("CARGO_BIN_EXE_lenscube"));
+    command.args(["run", beyond, text(&dir.path().join("beyond")), "--lens", "phone"]);
+    let ran = CommandResult::new(&command.env("XDG_CACHE_HOME", dir.path().join("cache")).output().unwrap());
+    assert_exit(&ran, FAILED, &["--film-size", "--outside clamp"]);
 }
