@@ -11,7 +11,7 @@
 //! | SVPSF | contribution = Σ_nodes (weight_node · remapped) ∗ kernel_node | [`psf`] |
 //! | depth | in place of remap and SVPSF, for surfaces at several distances | [`depth`] |
 //! | overlap-add | shard += contribution, in tile order for each shard | [`executor`] |
-//! | layers | finished shard += smooth light that was computed before the tiles | [`layer`], [`reduced_chart`] |
+//! | layers | finished shard += smooth light that was computed before the tiles | [`layer`], [`reduced_chart`], [`extended_chart`] |
 //! | encode, commit | shards that no later tile reaches | [`executor`], [`flow`] |
 //!
 //! gain converts the chart's radiance to the film's unit (1 for a relative film; transmission and solid angle of the lens for an irradiance).
@@ -89,6 +89,7 @@ pub mod depth;
 pub mod design;
 pub mod develop;
 pub mod executor;
+pub mod extended_chart;
 pub mod field;
 pub mod figures;
 pub mod flow;

@@ -11,9 +11,9 @@
 //! and a uniform field stays uniform within r_max of its edge. A black disc of radius ρ in white has the index a (1 − M(ρ)/M(r_max)) of scatter;
 //! of glare g, with the share f of the film's area, g (1 − f)/(1 − g f).
 //!
-//! On a grid of bins ([`crate::layer`]): I of a bin is the mean over 4 × 4 places of the reduced chart ([`crate::reduced_chart`], bilinear) times gain
+//! On a grid of bins ([`crate::layer`]): I of a bin is the mean over 4 × 4 places of the reduced chart ([`crate::extended_chart`], bilinear) times gain
 //! and R ([`light`]); beyond the chart its surround, beyond the lens's tables their last values. K holds the integrals over bins, scaled to sum 1
-//! ([`kernel`]); the convolution is one of the padded grid in f64 ([`fft`]), glare the mean over the bins of the film. The layer has two bins around
+//! ([`kernel`]); the convolution is one of the padded grid in f64 ([`fft`]), glare the mean over the film, of bins that reach beyond it over their part. The layer has two bins around
 //! those of the film, the light as many more as r_max covers.
 //!
 //! Left out: the change of scatter with field height and azimuth, and spectra other than that of roughness; scattering of scattered light. Light

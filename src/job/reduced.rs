@@ -58,7 +58,7 @@ impl ReducedCharts {
         read: impl FnOnce() -> Result<ReducedChart, SourceSinkError>,
     ) -> Result<ReducedChart, SourceSinkError> {
         let Some((dir, key)) = &self.kept else { return read() };
-        let text = format!("lenscube reduced chart 1, {key}, band {band}, cells of {side} px");
+        let text = format!("lenscube reduced chart 2, {key}, band {band}, cells of {side} px");
         let recipe = blake3::hash(text.as_bytes()).to_hex().to_string();
         if let Some(found) = reduced::find(dir, &recipe, chart, side) {
             detail_line(format!("reduced chart of band {band}: from the cache"));

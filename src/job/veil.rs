@@ -21,6 +21,8 @@ use std::sync::Once;
 
 /// Name of the layer.
 pub const VEIL: &str = "veil";
+/// Key and version of glare and scatter in the identity of a job; incremented when their values change.
+const VEIL_VERSION: (&str, u32) = ("veil_version", 2);
 
 /// The veil of a job.
 pub struct JobVeil {
@@ -131,6 +133,9 @@ pub fn identity(args: &RunArgs, frame: &Frame) -> Map<String, Value> {
     }
     if args.veil.glare() > 0.0 {
         map.insert("veiling_glare".into(), args.veil.glare().into());
+    }
+    if args.veil.glare() > 0.0 || args.veil.scattered().is_some() {
+        map.insert(VEIL_VERSION.0.into(), VEIL_VERSION.1.into());
     }
     let bin_px = bin_px(args, frame);
     if bin_px != VeilPlan::usual_bin_px(frame.film) {

@@ -100,7 +100,7 @@ mod tests {
         let corner = frame.farthest_mm(crate::geometry::Rect::new(0, 0, film.height, film.width));
         let sizes = RingSizes::new(corner, 32);
         let operator = same(sizes);
-        let even = ReducedChart::of_values(chart, 8, vec![2.0; ReducedChart::cells(chart, 8).pixels()]);
+        let even = ReducedChart::of_cells(chart, 8, vec![2.0; ReducedChart::cells(chart, 8).pixels()]);
         let light = ghosts_on_bins(&frame, &grid, &operator, 3.0, &even);
         let at = |k: usize, l: usize| light[(k + 2) * grid.size().width + l + 2];
         for (k, l) in [(12, 26), (3, 30), (20, 6)] {
@@ -112,7 +112,7 @@ mod tests {
         for (i, j) in [(8, 30), (8, 31), (9, 30), (9, 31)] {
             values[i * cells.width + j] = 5.0;
         }
-        let lamp = ReducedChart::of_values(chart, 8, values);
+        let lamp = ReducedChart::of_cells(chart, 8, values);
         let light = ghosts_on_bins(&frame, &grid, &operator, 1.0, &lamp);
         let bin_mm = 8.0 * frame.pitch_mm();
         let (mut sum, mut x, mut y) = (0.0, 0.0, 0.0);

@@ -3,8 +3,9 @@
 use super::fft::{self, Planes};
 use super::ghosts::ghosts_on_bins;
 use super::kernel::ScatterKernel;
-use super::light::light_of_bins;
+use super::light::{light_of_bins, mean_over_film};
 use crate::design::ghost::rings::RingOperator;
+use crate::extended_chart::ExtendedChart;
 use crate::field::Field;
 use crate::geometry::{Frame, Size};
 use crate::layer::BinGrid;
@@ -24,6 +25,8 @@ const MAX_CHOSEN_BINS: usize = 512;
 const MIN_REACH_BINS: f64 = 4.0;
 /// Bins that the reach of scatter leaves of the larger side of the film.
 const BINS_BEYOND_REACH: f64 = 2.0;
+/// Bins of the larger side of a film with scatter, at least.
+const LEAST_SIDE_BINS: usize = (MIN_REACH_BINS + BINS_BEYOND_REACH) as usize;
 
 /// A veil that does not fit the film.
 #[derive(Clone, Copy, Debug, PartialEq, thiserror::Error)]
@@ -33,6 +36,18 @@ pub enum VeilError {
     Bin {
         /// Side of a bin, film pixels.
         bin_px: usize,
+        /// Film size.
+        film: Size,
+    },
+    /// A film without room for any reach.
+    #[error(
+        "scatter needs a film of at least {least_px} px, {LEAST_SIDE_BINS} bins of {bin_px} film pixels; the film has {film} px: make it larger, or its bins smaller (8 px at least)"
+    )]
+    Small {
+        /// Side of a bin, film pixels.
+        bin_px: usize,
+        /// The least of the film's larger side, px.
+        least_px: usize,
         /// Film size.
         film: Size,
     },
@@ -109,6 +124,10 @@ impl VeilPlan {
         if bin_px > side {
             return Err(VeilError::Bin { bin_px, film });
         }
+        let least_px = LEAST_SIDE_BINS * bin_px;
+        if scatter.is_some() && side < least_px {
+            return Err(VeilError::Small { bin_px, least_px, film });
+        }
         let bin_mm = bin_px as f64 * frame.pitch_mm();
         let kernel = |(shoulder_mm, slope, reach_mm): (f64, f64, Option<f64>)| {
             let reach_mm = reach_mm.unwrap_or_else(|| usual_reach_mm(frame, bin_px));
@@ -150,7 +169,8 @@ impl VeilPlan {
         let light = 8 * self.light_size().pixels();
         // Spectrum of the light, factors of the kernel, and the plane that one of them comes from or goes to.
         let convolution = if self.scatter.is_some() { 24 * self.padded().pixels() } else { 0 };
-        reduced + light + reading.max(convolution) + 4 * self.grid.size().pixels()
+        let extended = ExtendedChart::bytes(chart, self.reduced_px);
+        reduced + extended + light + reading.max(convolution) + 4 * self.grid.size().pixels()
     }
 
     /// Core seconds of computing the layer of a band after its chart is read, on a 2.2 GHz Xeon.
@@ -208,9 +228,15 @@ impl VeilMaker {
         let (distortion, illumination) = (stages.has(Stage::Distortion), stages.has(Stage::Ri));
         let field = Field::new(band, frame.pitch_mm(), distortion, illumination, gain);
         let (bins, size) = ((self.plan.grid.bin_px, self.plan.light_margin), self.plan.light_size());
-        let source = (reduced, options.interpolation.surround);
-        let light = light_of_bins(frame, &field, source, bins, size, threads);
-        let glare = shares.glare * self.mean_over_film(&light);
+        let chart = ExtendedChart::new(reduced, options.interpolation.surround);
+        let light = light_of_bins(frame, &field, &chart, bins, size, threads);
+        let glare = match shares.glare > 0.0 {
+            true => {
+                shares.glare
+                    * mean_over_film(frame, &field, (reduced, options.interpolation.surround), bins.0)
+            }
+            false => 0.0,
+        };
         let stored = self.plan.grid.size();
         let scattered = match (self.plan.scatter, shares.scatter > 0.0) {
             (Some(kernel), true) => self.convolved(&kernel, &light),
@@ -221,14 +247,6 @@ impl VeilMaker {
             None => spread.map(|light| light as f32).collect(),
             Some(ghosts) => spread.zip(ghosts).map(|(light, ghosts)| (light + ghosts) as f32).collect(),
         }
-    }
-
-    /// Mean of `light` over the bins of the film.
-    fn mean_over_film(&self, light: &[f64]) -> f64 {
-        let (bins, margin) = (self.plan.grid.bins(), self.plan.light_margin);
-        let rows = light.chunks_exact(self.plan.light_size().width).skip(margin).take(bins.height);
-        let sum = rows.flat_map(|row| &row[margin..][..bins.width]).fold(0.0, |sum, value| sum + value);
-        sum / bins.pixels() as f64
     }
 
     /// `kernel` convolved with `light`, at the stored bins. The padded grid is circular: bins that are not stored receive wrong light.

@@ -75,7 +75,7 @@ fn layers_equal_the_reference() {
     let ideal = band(1.0, |r| (r, 1.0));
     let distorting = band(1.0, |r| (r * (1.0 + 0.03 * r * r), 1.0 - 0.2 * r * r));
     for (band, expected, sum, tolerance) in
-        [(ideal, IDEAL, 67.05846241465393, 2e-7), (distorting, DISTORTING, 66.10158278209875, 2e-4)]
+        [(ideal, IDEAL, 68.10538480369314, 2e-7), (distorting, DISTORTING, 67.14931350666268, 2e-4)]
     {
         let layer = layer_of((&frame, plan), &band, (2.0, shares), Surround::Edge, &chart);
         for ((i, j), expected) in expected {
@@ -89,24 +89,25 @@ fn layers_equal_the_reference() {
 
 type Bins = [((usize, usize), f64); 7];
 
-/// `reduce_chart`, `light_of_bins`, `cell_kernel` and `fftconvolve` of light_reference.py (NumPy 2.4.6, SciPy 1.17.1) on the scene of the test.
+/// `reduce_chart`, `light_of_bins`, `cell_kernel` and `fftconvolve` of light_reference.py (NumPy 2.4.6, SciPy 1.17.1) on the scene of the test, continued by
+/// 160 px of its outermost pixels; glare the mean over the film of the same light.
 const IDEAL: Bins = [
-    ((0, 0), 0.13968732537915893),
-    ((2, 2), 0.13974046093454112),
-    ((3, 11), 0.22680330862483922),
-    ((6, 14), 0.9862822278192257),
-    ((8, 9), 0.15905746778824237),
-    ((16, 21), 0.13870855578849375),
-    ((7, 20), 0.14803238738091856),
+    ((0, 0), 0.12739239362161953),
+    ((2, 2), 0.14152237986234253),
+    ((3, 11), 0.22978328662545733),
+    ((6, 14), 0.9892585355899034),
+    ((8, 9), 0.1620348317730822),
+    ((16, 21), 0.15132651861578178),
+    ((7, 20), 0.15083196542557173),
 ];
 const DISTORTING: Bins = [
-    ((0, 0), 0.13558742451134193),
-    ((2, 2), 0.13683712355965444),
-    ((3, 11), 0.2246424249722034),
-    ((6, 14), 0.9796806846223405),
-    ((8, 9), 0.15789367049680106),
-    ((16, 21), 0.13427836726326617),
-    ((7, 20), 0.1451853225986307),
+    ((0, 0), 0.12276257583559316),
+    ((2, 2), 0.13861878115072226),
+    ((3, 11), 0.22763004361683342),
+    ((6, 14), 0.9826679008154718),
+    ((8, 9), 0.16087875306043062),
+    ((16, 21), 0.14710121795629952),
+    ((7, 20), 0.14798437053075464),
 ];
 
 /// A film of 512 x 512 px of 16 µm, chart one to one, lens without aberrations.
@@ -195,4 +196,39 @@ fn bins_and_reach_fit_the_film() {
     let plan = VeilPlan::new(&frame, 8, Some((0.02, 2.5, Some(4.08)))).unwrap();
     assert_eq!(plan.padded(), Size::new(1536, 1536));
     assert!(plan.making_bytes(side, 1) < 80 << 20);
+}
+
+/// One bright pixel in black surroundings: glare is a share of the light of the film, whatever the sizes.
+#[test]
+fn glare_is_the_mean_of_films_of_any_size() {
+    // A last cell of one row lacks a part of the light of the cell before it.
+    for (film, chart, tolerance) in [
+        ((101, 97), (101, 77), 1e-3),
+        ((64, 64), (64, 64), 1e-3),
+        ((51, 90), (61, 99), 1e-3),
+        ((240, 202), (20, 300), 1e-3),
+        ((240, 202), (17, 300), 0.07),
+    ] {
+        let (film, size) = (Size::new(film.0, film.1), Size::new(chart.0, chart.1));
+        // The chart's last column, or well within the film.
+        let (row, column) = (size.height / 2, ((size.width + film.width) / 2 - 17).min(size.width - 1));
+        let chart = Drawn(size, move |y, x| if (y, x) == (row, column) { 7.0 } else { 0.0 });
+        let frame = Frame::centred(film, size, 5.0);
+        let plan = VeilPlan::new(&frame, 8, None).unwrap();
+        let ideal = band(1.0, |r| (r, 1.0));
+        let shares = VeilShares { glare: 0.1, scatter: 0.0 };
+        let layer = layer_of((&frame, plan), &ideal, (3.0, shares), Surround::Black, &chart);
+        let expected = 0.1 * 3.0 * 7.0 / film.pixels() as f64;
+        assert!(layer.iter().all(|v| v.to_bits() == layer[0].to_bits()));
+        let found = f64::from(layer[0]);
+        assert!((found / expected - 1.0).abs() < tolerance, "{film} of {size}: {found}, {expected}");
+    }
+    // Uniform light, in black surroundings, too.
+    let film = Size::new(61, 93);
+    let frame = Frame::centred(film, film, 5.0);
+    let plan = VeilPlan::new(&frame, 8, None).unwrap();
+    let shares = VeilShares { glare: 0.1, scatter: 0.0 };
+    let uniform = Drawn(film, |_, _| 2.0);
+    let layer = layer_of((&frame, plan), &band(1.0, |r| (r, 1.0)), (1.0, shares), Surround::Black, &uniform);
+    assert!((f64::from(layer[0]) - 0.2).abs() < 1e-7, "{}", layer[0]);
 }

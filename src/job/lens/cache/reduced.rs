@@ -1,6 +1,6 @@
 //! Cache of reduced charts (`pipeline::reduced_chart`), which are independent of the lens: reading a chart once more costs a third of a job store to store.
 //!
-//! Files are named `RECIPE-CONTENT.reduced` as the bands beside them: a line with RECIPE, then the means, f32, little-endian, row by row.
+//! Files are named `RECIPE-CONTENT.reduced` as the bands beside them: a line with RECIPE, then its stored values, f32, little-endian.
 
 use super::{DIGITS, Unusable, entry_name, find_entry};
 use crate::progress::detail_line;
@@ -19,23 +19,23 @@ const BLOCK_BYTES: usize = 1 << 16;
 
 /// The reduced chart of `recipe` of a chart of `chart` px in cells of `side` px. A damaged entry is removed with a note.
 pub fn find(dir: &Path, recipe: &str, chart: Size, side: usize) -> Option<ReducedChart> {
-    let count = ReducedChart::cells(chart, side).pixels();
+    let count = ReducedChart::count(chart, side);
     let values = find_entry(dir, recipe, EXTENSION, "the chart is read again", |path, content| {
         match read(path, content, recipe, count) {
             Ok(values) => values.ok_or_else(Unusable::damaged),
             Err(_) => Err(Unusable::Unreadable),
         }
     })?;
-    Some(ReducedChart::of_values(chart, side, values))
+    Some(ReducedChart::of_stored(chart, side, values))
 }
 
 /// Stores the reduced chart of `recipe`. What cannot be stored is computed again by the next run.
 pub fn insert(dir: &Path, recipe: &str, reduced: &ReducedChart) {
-    if 4 * reduced.values().len() > MAX_BYTES {
+    if 4 * reduced.stored().len() > MAX_BYTES {
         return;
     }
     let temp = dir.join(temp_name());
-    let stored = write(&temp, recipe, reduced.values()).and_then(|content| {
+    let stored = write(&temp, recipe, reduced.stored()).and_then(|content| {
         fault_point("reduced-chart-written");
         std::fs::rename(&temp, dir.join(entry_name(recipe, &content, EXTENSION)))
     });
@@ -91,8 +91,8 @@ mod tests {
     fn reduced_charts_are_found_again_and_damaged_ones_removed() {
         let dir = tempfile::tempdir().unwrap();
         let (chart, side) = (Size::new(300, 201), 2);
-        let values = (0..150 * 101).map(|i| (i as f32).sqrt()).collect();
-        let reduced = ReducedChart::of_values(chart, side, values);
+        let cells = (0..150 * 101).map(|i| (i as f32).sqrt()).collect();
+        let reduced = ReducedChart::of_cells(chart, side, cells);
         let [recipe, other] = ["a", "b"].map(|c| c.repeat(64));
         insert(dir.path(), &recipe, &reduced);
         insert(dir.path(), &recipe, &reduced);
