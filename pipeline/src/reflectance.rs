@@ -7,7 +7,8 @@
 //! the given illuminant map to pure red, green and blue by [`colour::srgb_weights`], the weights of the preview, so that the preview of
 //! a chart reproduces the colours. They solve a quadratic programme with bounds by operator splitting (Stellato et al., "OSQP", Math. Prog.
 //! Comp. 12, 2020, algorithm 1), to 1e-6 of white. All corners of the cube are met for D65, A and E with bands every 20 nm or closer
-//! over 400 to 700 nm; bands that cannot represent a corner are an error that contains the deviation.
+//! over 400 to 700 nm. Bands that cannot represent a corner are an error that contains the deviation, unless it is admitted: then the colours are the
+//! nearest (least squares over linear red, green and blue) with the same bounds, and greys are still exact.
 //! Not modelled: gamuts beyond sRGB, in which the three cannot stay non-negative; fluorescence.
 
 use crate::colour::{self, Illuminant};
@@ -15,8 +16,8 @@ use crate::wavelengths;
 
 /// Maximum number of bands: the time grows with its cube.
 pub const MAX_BANDS: usize = 512;
-/// Admissible error of a channel relative to white: below 1/255 of the encoded value in the linear part of sRGB (slope 12.92).
-const TOLERANCE: f64 = 1e-4;
+/// Error of a channel relative to white that is no error: below 1/255 of the encoded value in the linear part of sRGB (slope 12.92).
+pub const EXACT: f64 = 1e-4;
 const ITERATIONS: usize = 20_000;
 /// Step sizes (ρ of OSQP): for bounds, and for the colours, which are equalities.
 const RHO: f64 = 1.0;
@@ -35,8 +36,8 @@ pub enum ReflectanceError {
     },
     /// Colours out of reach.
     #[error(
-        "the bands at {} nm cannot represent all sRGB colours under {light} (error of {corner}: {off:.3} of white); use more bands, e.g. \
-         400:700:10",
+        "the bands at {} nm cannot represent all sRGB colours under {light} (error of {corner}: {off:.3} of white, admitted {admitted}); use more \
+         bands, e.g. 400:700:10",
         wavelengths::format(bands_nm)
     )]
     Unreachable {
@@ -48,14 +49,27 @@ pub enum ReflectanceError {
         corner: &'static str,
         /// Its error.
         off: f64,
+        /// The error that is admitted.
+        admitted: f64,
     },
 }
 
-/// ρ_R, ρ_G, ρ_B of each band.
+/// The three reflectances.
+#[derive(Clone, Debug, PartialEq)]
+pub struct Primaries {
+    /// ρ_R, ρ_G, ρ_B of each band.
+    pub rho: Vec<[f64; 3]>,
+    /// The corner of the sRGB cube, red, green or blue, that they miss most.
+    pub corner: &'static str,
+    /// By how much, of white, in the channel that is worst; at most [`EXACT`] where the bands represent all colours.
+    pub error: f64,
+}
+
+/// The reflectances at `bands_nm` under `light`, whose colours are in error by at most `max_error` of white (linear).
 ///
 /// # Errors
-/// [`ReflectanceError`] if the bands cannot represent all colours.
-pub fn primaries(bands_nm: &[f64], light: Illuminant) -> Result<Vec<[f64; 3]>, ReflectanceError> {
+/// [`ReflectanceError`] if the bands cannot represent all colours within `max_error`.
+pub fn primaries(bands_nm: &[f64], light: Illuminant, max_error: f64) -> Result<Primaries, ReflectanceError> {
     let n = bands_nm.len();
     if n == 0 || n > MAX_BANDS {
         return Err(ReflectanceError::Bands { found: n });
@@ -67,26 +81,57 @@ pub fn primaries(bands_nm: &[f64], light: Illuminant) -> Result<Vec<[f64; 3]>, R
     let band_colours: Vec<[f64; 3]> =
         order.iter().map(|&b| weights[b].map(|w| w * power(bands_nm[b]))).collect();
     let sorted: Vec<f64> = order.iter().map(|&b| bands_nm[b]).collect();
-    let found = solve(&sorted, &band_colours);
-    let names = ["red", "green", "blue"];
-    for (k, corner) in names.into_iter().enumerate() {
-        let off = (0..3).map(|c| {
-            let seen: f64 = std::iter::zip(&found, &band_colours).map(|(rho, w)| rho[k] * w[c]).sum();
-            (seen - f64::from(u8::from(c == k))).abs()
-        });
-        let off = off.fold(0.0, f64::max);
-        if off.is_nan() || off > TOLERANCE {
-            let (bands_nm, light) = (bands_nm.to_vec(), light.name());
-            return Err(ReflectanceError::Unreachable { bands_nm, light, corner, off });
-        }
+    let solved = |colours| {
+        let rho = solve(&sorted, &band_colours, colours);
+        let (corner, error) = worst_corner(&rho, &band_colours);
+        Primaries { rho, corner, error }
+    };
+    let mut found = solved(Colours::Exact);
+    if found.error > EXACT || found.error.is_nan() {
+        found = solved(Colours::Nearest);
     }
-    let mut out = vec![[0.0; 3]; n];
-    std::iter::zip(order, found).for_each(|(b, rho)| out[b] = rho);
-    Ok(out)
+    // Of the nearest solution, too: exact bands may be within the tolerance by it alone.
+    if found.error.is_nan() || found.error > max_error.max(EXACT) {
+        return Err(ReflectanceError::Unreachable {
+            bands_nm: bands_nm.to_vec(),
+            light: light.name(),
+            corner: found.corner,
+            off: found.error,
+            admitted: max_error,
+        });
+    }
+    let mut rho = vec![[0.0; 3]; n];
+    std::iter::zip(order, found.rho).for_each(|(b, of_band)| rho[b] = of_band);
+    Ok(Primaries { rho, ..found })
 }
 
-/// Solves the programme in x = (ρ_R, ρ_G), ρ_B = 1 − ρ_R − ρ_G: minimum xᵀPx subject to the colours of ρ_R and ρ_G and the bounds of all three.
-fn solve(nm: &[f64], band_colours: &[[f64; 3]]) -> Vec<[f64; 3]> {
+/// The corner of the cube that reflectances miss most, and by how much; a NaN is the worst.
+fn worst_corner(rho: &[[f64; 3]], band_colours: &[[f64; 3]]) -> (&'static str, f64) {
+    let mut worst = ("red", 0.0f64);
+    for (k, corner) in ["red", "green", "blue"].into_iter().enumerate() {
+        for c in 0..3 {
+            let seen: f64 = std::iter::zip(rho, band_colours).map(|(rho, w)| rho[k] * w[c]).sum();
+            let off = (seen - f64::from(u8::from(c == k))).abs();
+            if off > worst.1 || off.is_nan() {
+                worst = (corner, off);
+            }
+        }
+    }
+    worst
+}
+
+/// How the colours of the corners enter the programme.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+enum Colours {
+    /// As equalities.
+    Exact,
+    /// As a penalty on their squared errors.
+    Nearest,
+}
+
+/// Solves the programme in x = (ρ_R, ρ_G), ρ_B = 1 − ρ_R − ρ_G: minimum xᵀPx subject to the colours of ρ_R and ρ_G and the bounds of all three;
+/// without the multipliers of the colours, their squared errors are a penalty.
+fn solve(nm: &[f64], band_colours: &[[f64; 3]], colours: Colours) -> Vec<[f64; 3]> {
     let n = nm.len();
     // Rows of the colour conditions, normalised to length 1, so that one step size fits all.
     let length: [f64; 3] =
@@ -142,7 +187,8 @@ fn solve(nm: &[f64], band_colours: &[[f64; 3]]) -> Vec<[f64; 3]> {
             worst = worst.max((value - next).abs()).max(RHO * (next - bounded[i]).abs());
             bounded[i] = next;
         }
-        for (part, c) in [0, 1].into_iter().flat_map(|p| (0..3).map(move |c| (p, c))) {
+        let equalities = [0, 1].into_iter().filter(|_| colours == Colours::Exact);
+        for (part, c) in equalities.flat_map(|p| (0..3).map(move |c| (p, c))) {
             let seen: f64 = (0..n).map(|i| row(c, i) * x[part * n + i]).sum();
             colour_multiplier[part][c] += RHO_COLOUR * (seen - target(part, c));
             worst = worst.max((seen - target(part, c)).abs());
@@ -194,7 +240,7 @@ mod tests {
     fn primaries_are_smooth_reflectances_that_sum_to_one() {
         for light in Illuminant::ALL {
             for nm in [bands(400, 700, 10), bands(400, 700, 20), bands(420, 680, 10), bands(380, 780, 5)] {
-                let rho = primaries(&nm, light).unwrap();
+                let rho = primaries(&nm, light, EXACT).unwrap().rho;
                 for r in &rho {
                     assert!(r.iter().all(|v| (0.0..=1.0).contains(v)), "{r:?}");
                     assert!((r.iter().sum::<f64>() - 1.0).abs() < 1e-12);
@@ -216,16 +262,40 @@ mod tests {
         .into_iter()
         .chain([620.0, 640.0, 660.0])
         .collect::<Vec<_>>();
-        let rho = primaries(&nm, Illuminant::D65).unwrap();
+        let rho = primaries(&nm, Illuminant::D65, EXACT).unwrap().rho;
         assert!(rho[0][0] > 0.9 && rho[1][2] > 0.9 && rho[9][1] > 0.9, "{rho:?}");
     }
 
     #[test]
     fn insufficient_bands_are_an_error_with_the_corner() {
         for nm in [vec![450.0, 550.0, 650.0], bands(400, 700, 50), vec![550.0], vec![900.0, 910.0]] {
-            let error = primaries(&nm, Illuminant::D65).unwrap_err().to_string();
+            let error = primaries(&nm, Illuminant::D65, EXACT).unwrap_err().to_string();
             assert!(error.contains("cannot represent") && error.contains("of white"), "{error}");
         }
-        assert!(primaries(&[], Illuminant::E).unwrap_err().to_string().contains("0 bands"));
+        assert!(primaries(&[], Illuminant::E, 0.5).unwrap_err().to_string().contains("0 bands"));
+    }
+
+    #[test]
+    fn three_bands_have_the_nearest_colours_and_exact_greys() {
+        let nm = [450.0, 550.0, 610.0];
+        let found = primaries(&nm, Illuminant::D65, 0.25).unwrap();
+        assert!((0.01..0.25).contains(&found.error), "{} of {}", found.error, found.corner);
+        for rho in &found.rho {
+            assert!(
+                rho.iter().all(|v| (0.0..=1.0).contains(v)) && (rho.iter().sum::<f64>() - 1.0).abs() < 1e-12
+            );
+        }
+        // No other reflectance of red on a grid of 1/50 within the bounds is nearer.
+        let weights = colour::srgb_weights(&nm, |nm| Illuminant::D65.relative_power(nm) / 100.0);
+        let powers = nm.map(|nm| Illuminant::D65.relative_power(nm) / 100.0);
+        let squares = |rho: [f64; 3]| {
+            let seen = |c: usize| (0..3).map(|b| rho[b] * weights[b][c] * powers[b]).sum::<f64>();
+            [seen(0) - 1.0, seen(1), seen(2)].map(|v| v * v).iter().sum::<f64>()
+        };
+        let step = |i: usize| i as f64 / 50.0;
+        let grid = (0..51usize.pow(3)).map(|i| [step(i % 51), step(i / 51 % 51), step(i / 2601)]);
+        let least = grid.map(squares).fold(f64::INFINITY, f64::min);
+        let red = [0, 1, 2].map(|b| found.rho[b][0]);
+        assert!(squares(red) < least + 0.02, "{} and {least} for {red:?}", squares(red));
     }
 }

@@ -1,7 +1,7 @@
 //! `lenscube chart`.
 
 use super::choices::{CODEC, one_of};
-use super::values::{bytes, pitch, positive, threads};
+use super::values::{bytes, percent_or_share, pitch, positive, threads};
 use clap::{Args, Subcommand};
 use formats::film::Codec;
 use std::path::PathBuf;
@@ -50,9 +50,12 @@ pub struct ImageArgs {
     /// Pixel pitch in µm, stored with the chart
     #[arg(long = "film-pitch-um", alias = "pitch-um", value_name = "UM", value_parser = pitch)]
     pub pitch_um: Option<f64>,
-    /// Bands in nm, at most 20 nm apart over 400 to 700 [default: 400:700:10]
+    /// Bands in nm, at most 20 nm apart over 400 to 700, or fewer with --max-colour-error [default: 400:700:10]
     #[arg(long, value_name = "NM")]
     pub wavelengths: Option<String>,
+    /// Error that red, green and blue may have where the bands cannot represent them, a share of white: 0.1 or 10%; the nearest colours are taken [default: 0.01%]
+    #[arg(long, value_name = "SHARE", value_parser = percent_or_share)]
+    pub max_colour_error: Option<f64>,
     /// Illuminant: D65, A or E
     #[arg(long, value_name = "NAME", default_value = "D65")]
     pub illuminant: String,
@@ -75,6 +78,26 @@ pub struct ImageArgs {
     /// Replace an existing chart
     #[arg(long)]
     pub overwrite: bool,
+}
+
+impl ImageArgs {
+    /// The picture `file` as the chart `out`, without flags.
+    pub fn new(file: impl Into<PathBuf>, out: impl Into<PathBuf>) -> Self {
+        Self {
+            file: file.into(),
+            out: out.into(),
+            pitch_um: None,
+            wavelengths: None,
+            max_colour_error: None,
+            illuminant: "D65".into(),
+            scale_to: None,
+            linear: false,
+            codec: Codec::Lz4,
+            threads: None,
+            memory: None,
+            overwrite: false,
+        }
+    }
 }
 
 /// `lenscube chart KIND`

@@ -3,7 +3,7 @@
 use super::choices::{DEMOSAIC, one_of};
 use super::depth::DepthArgs;
 use super::tracing::TracingArgs;
-use super::values::{bytes, pitch, positive, size, threads, unit};
+use super::values::{bytes, percent_or_share, pitch, positive, size, threads, unit};
 use super::veil::VeilArgs;
 use clap::Args;
 use formats::chart::AxisOrder;
@@ -16,12 +16,13 @@ use std::path::PathBuf;
 #[command(
     after_help = "Examples:\n  lenscube shoot 'gen:checker?size=2000' picture.png --lens double-gauss-28 --sensor example-2um\n  \
 lenscube shoot chart.zarr negative.dng --lens MY.zmx --sensor sony-a7r2 --exposure 10ms --keep shot\n  \
+lenscube shoot photo.jpg picture.png --film-pitch-um 2 --lens double-gauss-28 --sensor example-2um\n  \
 lenscube shoot scene.zarr picture.png --lens phone --focus-m 1 --depth depth.npy --sensor example-2um\n\
 The same as `lenscube run CHART DIR/film.zarr`, `lenscube sensor DIR/film.zarr DIR/raw.zarr` and `lenscube develop DIR/raw.zarr OUT`; those\n\
 commands have more options. Without --keep, DIR is OUT.shot and removed at the end. The same command resumes after an interruption, also with --overwrite."
 )]
 pub struct ShootArgs {
-    /// Chart, as for `lenscube run`
+    /// Chart, as for `lenscube run`; or a picture in colour (PNG, JPEG, WebP, TIFF, OpenEXR), as for `lenscube chart image`
     #[arg(value_name = "CHART")]
     pub chart: String,
     /// Picture to write: .png, .tif or .exr; or .dng
@@ -39,9 +40,12 @@ pub struct ShootArgs {
     /// Axes of the chart's array, as for `lenscube run`
     #[arg(long, value_name = "AXES")]
     pub axes: Option<AxisOrder>,
-    /// Wavelengths of the chart's bands in nm where it has none
+    /// Wavelengths of the chart's bands in nm where it has none; of a picture those of its spectra [default: 400:700:10]
     #[arg(long, value_name = "NM")]
     pub wavelengths: Option<String>,
+    /// Error of the colours of a picture's spectra, as for `lenscube chart image`
+    #[arg(long, value_name = "SHARE", value_parser = percent_or_share)]
+    pub max_colour_error: Option<f64>,
     /// Unit of the chart's values, as for `lenscube run`
     #[arg(long, value_name = "UNIT", value_parser = unit)]
     pub chart_units: Option<String>,

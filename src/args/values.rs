@@ -24,6 +24,18 @@ pub(super) fn share(text: &str) -> Result<f64, String> {
     })
 }
 
+/// A share from 0 to 1, as `10%` or `0.1`.
+pub(super) fn percent_or_share(text: &str) -> Result<f64, String> {
+    let share = match text.trim().strip_suffix('%') {
+        Some(percent) => number(percent)? / 100.0,
+        None => number(text)?,
+    };
+    match (0.0..=1.0).contains(&share) {
+        true => Ok(share),
+        false => Err(format!("{text} is not a share from 0 to 1 (100%)")),
+    }
+}
+
 /// Side of the largest PSF window, at most `max` film pixels.
 pub(super) fn window_px(text: &str, max: usize) -> Result<usize, String> {
     let side = text.trim().parse::<usize>().ok().filter(|n| n % 2 == 1 && (3..=max).contains(n));

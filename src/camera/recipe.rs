@@ -9,6 +9,7 @@ use formats::parallel;
 use pipeline::colour::Illuminant;
 use pipeline::develop::{ColourMatrix, Demosaic, Recipe};
 use pipeline::geometry::Rect;
+use pipeline::sensor::Sensor;
 use std::path::Path;
 use std::sync::Mutex;
 
@@ -62,16 +63,37 @@ pub fn resolve(frame: &Frame, style: &DevelopStyle, threads: usize) -> Result<Na
 
 /// Light of the white and of the matrix.
 fn light_of(frame: &Frame, style: &DevelopStyle) -> Result<Illuminant> {
-    let recorded = frame.light().unwrap_or_default();
-    match style.white.as_deref() {
-        None | Some("auto") => Ok(recorded),
-        Some(text) if text.contains(',') => Ok(recorded),
-        Some(name) => name.parse().map_err(|_| {
+    Ok(check_white(style.white.as_deref(), &frame.sensor)?.or(frame.light()).unwrap_or_default())
+}
+
+/// The light that `--white` names; `None` for that of the chart, or for gains.
+///
+/// # Errors
+/// Usage: neither a light nor gains of the sensor's planes.
+pub fn check_white(white: Option<&str>, sensor: &Sensor) -> Result<Option<Illuminant>> {
+    match white {
+        None | Some("auto") => Ok(None),
+        Some(text) if text.contains(',') => given_gains(text, sensor).map(|_| None),
+        Some(name) => name.parse().map(Some).map_err(|_| {
             usage(format!(
                 "--white {name}: expected D65, A, E, auto, or gains of the planes such as 1.9,1,1.6"
             ))
         }),
     }
+}
+
+/// Gains of the planes in the text of `--white`.
+fn given_gains(text: &str, sensor: &Sensor) -> Result<Vec<f64>> {
+    let planes = sensor.planes();
+    let given: Option<Vec<f64>> = text.split(',').map(|v| v.trim().parse().ok()).collect();
+    let given = given.filter(|g| g.len() == planes.len() && g.iter().all(|v| v.is_finite() && *v > 0.0));
+    given.ok_or_else(|| {
+        usage(format!(
+            "--white {text}: expected {} gains above 0, of the planes {}",
+            planes.len(),
+            planes.join(", ")
+        ))
+    })
 }
 
 /// White gains of the filters, the least 1, and their name.
@@ -89,17 +111,7 @@ fn gains(
     match style.white.as_deref() {
         Some("auto") => Ok((least_one(grey_world(frame, threads)?), "auto".into())),
         Some(text) if text.contains(',') => {
-            let planes = frame.sensor.planes();
-            let given: Option<Vec<f64>> = text.split(',').map(|v| v.trim().parse().ok()).collect();
-            let given =
-                given.filter(|g| g.len() == planes.len() && g.iter().all(|v| v.is_finite() && *v > 0.0));
-            let given = given.ok_or_else(|| {
-                usage(format!(
-                    "--white {text}: expected {} gains above 0, of the planes {}",
-                    planes.len(),
-                    planes.join(", ")
-                ))
-            })?;
+            let given = given_gains(text, &frame.sensor)?;
             Ok((least_one(plane_of.iter().map(|p| given[*p]).collect()), text.into()))
         }
         _ => {

@@ -2,6 +2,8 @@
 
 mod image;
 
+pub use image::{DEFAULT_BANDS, check_colours, convert};
+
 use crate::args::{ChartArgs, ChartCommand, GeneratedArgs, size_order_note};
 use crate::failure::{other_job, usage};
 use crate::machine::threads;

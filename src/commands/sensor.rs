@@ -27,6 +27,7 @@ use anyhow::Result;
 pub use picture::temporary_raw;
 pub use raw::remove;
 use resolve::RawJob;
+pub use resolve::check_before_film;
 use std::path::Path;
 
 /// Names of the files of `sensor show --plot`.
@@ -43,15 +44,6 @@ pub fn validation_files() -> impl Iterator<Item = &'static str> {
 /// Usage: a file of another kind.
 pub fn is_file(out: &Path) -> Result<bool> {
     Ok(picture::format_of(out)?.is_some())
-}
-
-/// Fails if a film of `film_um` is too coarse for the sensor `name`, before the film is made.
-///
-/// # Errors
-/// Usage; the sensor cannot be read.
-pub fn check_film_pitch(name: &str, film_um: f64) -> Result<()> {
-    let sensor = open::open_sensor(name, &[])?.sensor(film_um);
-    geometry::check_pitch(&sensor, film_um, "give `", "")
 }
 
 /// Runs the command; the exit code.

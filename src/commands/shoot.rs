@@ -1,16 +1,24 @@
-//! `lenscube shoot`: chart → film → raw → picture, by the commands `run`, `sensor` and `develop` one after the other.
+//! `lenscube shoot`: chart → film → raw → picture, by the commands `run`, `sensor` and `develop` one after the other. A picture as chart is
+//! converted first, by `chart image`, to a store that is named by a digest of the picture, so that an interrupted command resumes.
 
-use super::{develop, run, sensor};
+use super::{chart, develop, run, sensor};
 use crate::args::{
-    DevelopArgs, DevelopStyle, ExposeArgs, PlacementArgs, ProgressArg, RunArgs, ShootArgs, check_directory,
+    DevelopArgs, DevelopStyle, ExposeArgs, ImageArgs, PlacementArgs, ProgressArg, RunArgs, ShootArgs,
+    check_directory,
 };
+use crate::camera::recipe::check_white;
 use crate::failure::{replacing_other_job, usage};
 use crate::job::UntracedJob;
+use crate::open;
 use crate::outputs::check_absent;
 use crate::progress::log_line;
 use anyhow::{Context, Result};
+use formats::chart::image::ImageFile;
+use formats::chart::{NanPolicy, remove_chart};
 use formats::film::FilmStore;
 use formats::raw::RawStore;
+use pipeline::geometry::Size;
+use std::fs::File;
 use std::io::ErrorKind;
 use std::path::{Path, PathBuf};
 
@@ -45,11 +53,15 @@ pub fn command(args: &ShootArgs) -> Result<u8> {
     check_directory(&directory)?;
     let [film, raw] = STORES.map(|name| text(&directory.join(name)));
     let (film, raw) = (film?, raw?);
+    let picture = Picture::of(args, &directory)?;
+    let steps = 3 + usize::from(picture.is_some());
+    let step = |from_last: usize, what: &str| log_line(format!("{}/{steps}  {what}", steps - from_last));
+    let chart = picture.as_ref().map_or(Ok(args.chart.clone()), |picture| text(&picture.chart))?;
     let job = RunArgs {
         lens: args.lens.clone(),
         var: args.var.clone(),
         axes: args.axes.clone(),
-        wavelengths: args.wavelengths.clone(),
+        wavelengths: args.wavelengths.clone().filter(|_| picture.is_none()),
         chart_units: args.chart_units.clone(),
         check_input: args.check_input,
         surfaces: args.surfaces.clone(),
@@ -62,21 +74,8 @@ pub fn command(args: &ShootArgs) -> Result<u8> {
         },
         threads: args.threads,
         memory: args.memory,
-        ..RunArgs::new(&args.chart, &film)
+        ..RunArgs::new(&chart, &film)
     };
-    // What the sensor and the picture refuse is known before the film is made.
-    sensor::check_film_pitch(&args.sensor, UntracedJob::new(&job)?.pitch_um())?;
-    formats::durable::create_directories(&directory, true)?;
-    log_line("1/3  film");
-    let code = replacing_other_job(
-        args.overwrite,
-        || run::run_job(&job, None, ProgressArg::Auto),
-        || crate::film::remove(Path::new(&film), false),
-    )?;
-    if code != 0 {
-        return Ok(code);
-    }
-    log_line("2/3  raw");
     let exposure = ExposeArgs {
         sensor: Some(args.sensor.clone()),
         exposure: Some(args.exposure.clone()),
@@ -87,6 +86,28 @@ pub fn command(args: &ShootArgs) -> Result<u8> {
         memory: args.memory,
         ..ExposeArgs::new(&film, &raw)
     };
+    // What the lens, the sensor and the picture refuse is known before the film is made: of a picture by a chart of its size and bands.
+    let stand_in = picture.as_ref().map(Picture::stand_in);
+    let before = RunArgs { chart: stand_in.unwrap_or(chart), ..job.clone() };
+    let sensor = sensor::check_before_film(&exposure, Path::new(&film), &UntracedJob::new(&before)?.film)?;
+    if developed {
+        check_white(args.white.as_deref(), &sensor)?;
+    }
+    formats::durable::create_directories(&directory, true)?;
+    if let Some(picture) = &picture {
+        step(3, "chart");
+        picture.convert(args)?;
+    }
+    step(2, "film");
+    let code = replacing_other_job(
+        args.overwrite,
+        || run::run_job(&job, None, ProgressArg::Auto),
+        || crate::film::remove(Path::new(&film), false),
+    )?;
+    if code != 0 {
+        return Ok(code);
+    }
+    step(1, "raw");
     let code = match developed {
         true => replacing_other_job(
             args.overwrite,
@@ -103,7 +124,7 @@ pub fn command(args: &ShootArgs) -> Result<u8> {
     if code != 0 {
         return Ok(code);
     }
-    log_line("3/3  picture");
+    step(0, "picture");
     if developed {
         let shading = args.even_light.then(|| args.lens.clone());
         let standard = DevelopStyle::default();
@@ -127,6 +148,9 @@ pub fn command(args: &ShootArgs) -> Result<u8> {
     if args.keep.is_none() {
         RawStore::remove(Path::new(&raw))?;
         FilmStore::remove(Path::new(&film))?;
+        if let Some(picture) = &picture {
+            remove_chart(&picture.chart)?;
+        }
         match std::fs::remove_dir(&directory) {
             Err(e) if e.kind() == ErrorKind::DirectoryNotEmpty => {
                 log_line(format!("note: {} contains files of yours and was not removed", directory.display()))
@@ -135,6 +159,83 @@ pub fn command(args: &ShootArgs) -> Result<u8> {
         }
     }
     Ok(0)
+}
+
+/// Endings of pictures that are converted to a chart, unless they are charts themselves: spectral OpenEXR, TIFF of bands.
+const PICTURES: [&str; 7] = ["png", "jpg", "jpeg", "webp", "tif", "tiff", "exr"];
+/// Digits of the digest in the name of a converted picture.
+const DIGEST_DIGITS: usize = 12;
+
+/// A picture as chart.
+struct Picture {
+    size: Size,
+    pitch_um: f64,
+    wavelengths: String,
+    /// The chart that it becomes.
+    chart: PathBuf,
+}
+
+impl Picture {
+    /// The picture of `args`, converted in `directory`; `None` for a chart.
+    fn of(args: &ShootArgs, directory: &Path) -> Result<Option<Self>> {
+        let path = Path::new(&args.chart);
+        let ending = path.extension().map(|e| e.to_string_lossy().to_ascii_lowercase()).unwrap_or_default();
+        let is_array = args.var.is_some() || args.axes.is_some();
+        if !PICTURES.contains(&&*ending) || is_array || !path.is_file() {
+            return Ok(None);
+        }
+        let is_chart = open::chart(&args.chart, args.wavelengths.as_deref(), NanPolicy::Keep, 0).is_ok();
+        let file = match ImageFile::open(path) {
+            _ if is_chart => return Ok(None),
+            Ok(file) if file.spectral().is_none() => file,
+            // The error of the chart says more.
+            _ => return Ok(None),
+        };
+        if let Some(units) = &args.chart_units {
+            return Err(usage(format!(
+                "--chart-units {units}: {} is a picture, whose light is relative",
+                args.chart
+            )));
+        }
+        let pitch_um = args.film_pitch_um.ok_or_else(|| {
+            usage(format!(
+                "{} is a picture, whose pixels have no size on the film; give --film-pitch-um",
+                args.chart
+            ))
+        })?;
+        chart::check_colours(&file, args.wavelengths.as_deref(), args.max_colour_error)?;
+        let wavelengths = args.wavelengths.clone().unwrap_or(chart::DEFAULT_BANDS.into());
+        let mut hasher = blake3::Hasher::new();
+        let reading = || format!("reading {}", args.chart);
+        hasher.update_reader(File::open(path).with_context(reading)?).with_context(reading)?;
+        hasher.update(format!("{wavelengths} {pitch_um} {:?}", args.max_colour_error).as_bytes());
+        let digest = &hasher.finalize().to_hex()[..DIGEST_DIGITS];
+        let chart = directory.join(format!("chart-{digest}.zarr"));
+        Ok(Some(Self { size: file.size(), pitch_um, wavelengths, chart }))
+    }
+
+    /// A chart of its size, pitch and bands.
+    fn stand_in(&self) -> String {
+        let Self { size, pitch_um, wavelengths, .. } = self;
+        let (width, height) = (size.width, size.height);
+        format!("gen:uniform?size={width}x{height}&pitch_um={pitch_um}&overscan=0&wavelengths={wavelengths}")
+    }
+
+    /// Converts it, unless an interrupted command has.
+    fn convert(&self, args: &ShootArgs) -> Result<()> {
+        if self.chart.exists() {
+            return Ok(());
+        }
+        let image = ImageArgs {
+            threads: args.threads,
+            memory: args.memory,
+            pitch_um: Some(self.pitch_um),
+            max_colour_error: args.max_colour_error,
+            wavelengths: Some(self.wavelengths.clone()),
+            ..ImageArgs::new(&args.chart, &self.chart)
+        };
+        chart::convert(&image).map(|_| ())
+    }
 }
 
 /// Whether `out` is a digital negative, which is not developed.

@@ -54,12 +54,6 @@ pub(crate) fn header_error(
     ImageError::Header { path: path.into(), what, expected: expected.into(), found: found.into() }
 }
 
-/// The error for a file with an alpha channel.
-pub(super) fn alpha_error(path: &Path) -> ImageError {
-    let expected = "no transparency; flatten the image onto its background";
-    header_error(path, "channels", expected, "an alpha channel")
-}
-
 /// Note on an alpha channel that must be opaque.
 pub(crate) const ALPHA_NOTE: &str = "its alpha channel is dropped, and must be opaque everywhere";
 /// Note on a colour profile.

@@ -12,7 +12,8 @@ use ::tiff::{ColorType, TiffError};
 use pipeline::geometry::Size;
 
 use super::header::{
-    ImageError, ImageHeader, MAX_DECODED_BYTES, RowSink, alpha_error, guarded, header_error, orientation_note,
+    ALPHA_NOTE, ImageError, ImageHeader, MAX_DECODED_BYTES, RowSink, guarded, header_error, orientation_note,
+    without_alpha,
 };
 use crate::durable::DurableError;
 
@@ -24,6 +25,8 @@ pub(crate) struct TiffRows {
     decoder: Decoder<BufReader<File>>,
     file: File,
     strips: Option<RawStrips>,
+    /// Channels of a stored pixel: those of the header, and alpha.
+    stored: usize,
 }
 
 /// Uncompressed strips.
@@ -73,12 +76,18 @@ pub(crate) fn open(path: &Path) -> Result<(ImageHeader, TiffRows), ImageError> {
         header_error(path, "colour", expected, reason.to_string())
     })?;
     let (size, colour, photometric, planar, format, extra, profile, orientation) = tags;
-    if !extra.is_empty() || matches!(colour, ColorType::RGBA(_) | ColorType::GrayA(_)) {
-        return Err(alpha_error(path));
+    if extra.len() > 1 {
+        let found = format!("{} beside the colours", extra.len());
+        return Err(header_error(path, "channels", "at most one beside the colours, opaque alpha", found));
     }
-    let (channels, bits) = match colour {
-        ColorType::Gray(bits @ (8 | 16)) => (1, bits),
-        ColorType::RGB(bits @ (8 | 16)) => (3, bits),
+    let (channels, stored, bits) = match colour {
+        ColorType::Gray(bits @ (8 | 16)) => (1, 1, bits),
+        ColorType::RGB(bits @ (8 | 16)) => (3, 3, bits),
+        ColorType::GrayA(bits @ (8 | 16)) => (1, 2, bits),
+        ColorType::RGBA(bits @ (8 | 16)) => (3, 4, bits),
+        ColorType::Multiband { bit_depth: bits @ (8 | 16), num_samples: 2 } if !extra.is_empty() => {
+            (1, 2, bits)
+        }
         other => {
             return Err(header_error(path, "colour", "grey or RGB of 8 or 16 bits", colour_name(other)));
         }
@@ -100,6 +109,9 @@ pub(crate) fn open(path: &Path) -> Result<(ImageHeader, TiffRows), ImageError> {
         return Err(header_error(path, "samples", expected, "another sample format"));
     }
     let mut notes = Vec::new();
+    if stored > channels {
+        notes.push(ALPHA_NOTE.into());
+    }
     if profile {
         notes.push(
             "it has a colour profile, which is not applied: its samples are interpreted as sRGB".into(),
@@ -112,21 +124,26 @@ pub(crate) fn open(path: &Path) -> Result<(ImageHeader, TiffRows), ImageError> {
     let size = Size::new(size.1 as usize, size.0 as usize);
     let header = ImageHeader { size, channels, white: if bits == 8 { 255 } else { u16::MAX }, notes };
     if let Some(strips) = &strips {
-        strips.check(path, &header, length)?;
+        strips.check(path, (&header, stored), length)?;
     }
-    Ok((header, TiffRows { decoder, file: raw_file, strips }))
+    Ok((header, TiffRows { decoder, file: raw_file, strips, stored }))
 }
 
-/// Bytes of a row.
-fn row_bytes(header: &ImageHeader) -> u64 {
+/// Bytes of a row of `stored` channels.
+fn row_bytes(header: &ImageHeader, stored: usize) -> u64 {
     let sample = if header.white == 255 { 1 } else { 2 };
-    header.size.width as u64 * header.channels as u64 * sample
+    header.size.width as u64 * stored as u64 * sample
 }
 
 impl RawStrips {
     /// Checks that the strips are complete and lie inside the file of `length` bytes.
-    fn check(&self, path: &Path, header: &ImageHeader, length: u64) -> Result<(), ImageError> {
-        let (rows, bytes) = (self.rows_per_strip.max(1), row_bytes(header));
+    fn check(
+        &self,
+        path: &Path,
+        (header, stored): (&ImageHeader, usize),
+        length: u64,
+    ) -> Result<(), ImageError> {
+        let (rows, bytes) = (self.rows_per_strip.max(1), row_bytes(header, stored));
         let strips = header.size.height.div_ceil(rows);
         if header.size.pixels() == 0 || self.offsets.len() != strips || bytes > MAX_DECODED_BYTES as u64 {
             let found = format!("{} for {} px", self.offsets.len(), header.size);
@@ -156,9 +173,18 @@ impl TiffRows {
         header: &ImageHeader,
         sink: RowSink<'_, E>,
     ) -> Result<(), E> {
+        let has_alpha = self.stored > header.channels;
+        let mut colours = |row: usize, samples: &[u16]| {
+            if !has_alpha {
+                return sink(row, samples);
+            }
+            let mut samples = samples.to_vec();
+            without_alpha(path, header, row, &mut samples)?;
+            sink(row, &samples)
+        };
         match self.strips.take() {
-            Some(strips) => self.read_raw_rows(&strips, path, header, sink),
-            None => self.decode_rows(path, header, sink),
+            Some(strips) => self.read_raw_rows(&strips, path, header, &mut colours),
+            None => self.decode_rows(path, header, &mut colours),
         }
     }
 
@@ -169,7 +195,7 @@ impl TiffRows {
         header: &ImageHeader,
         sink: RowSink<'_, E>,
     ) -> Result<(), E> {
-        let mut bytes = vec![0; row_bytes(header) as usize];
+        let mut bytes = vec![0; row_bytes(header, self.stored) as usize];
         let mut samples = Vec::with_capacity(bytes.len());
         for row in 0..header.size.height {
             let (strip, inside) = (row / strips.rows_per_strip, row % strips.rows_per_strip);
@@ -195,10 +221,10 @@ impl TiffRows {
         header: &ImageHeader,
         sink: RowSink<'_, E>,
     ) -> Result<(), E> {
-        let (width, height) = (header.size.width, header.size.height);
+        let (width, height, stored) = (header.size.width, header.size.height, self.stored);
         let (across, down) = self.decoder.chunk_dimensions();
         let (across, down) = (across as usize, (down as usize).min(height));
-        let bytes = width.checked_mul(down).and_then(|n| n.checked_mul(header.channels * 2));
+        let bytes = width.checked_mul(down).and_then(|n| n.checked_mul(stored * 2));
         if across == 0 || down == 0 || bytes.is_none_or(|n| n > MAX_DECODED_BYTES) {
             let found = format!("{across}x{down} px in an image of {}", header.size);
             return Err(
@@ -206,14 +232,14 @@ impl TiffRows {
             );
         }
         let per_row = width.div_ceil(across);
-        let mut block = vec![0u16; width * down * header.channels];
+        let mut block = vec![0u16; width * down * stored];
         for (i, first) in (0..height).step_by(down).enumerate() {
             let rows = down.min(height - first);
             for j in 0..per_row {
                 let columns = across.min(width - j * across);
                 let samples = self.decode_chunk(path, header, i * per_row + j)?;
                 // Depending on the compression, tiles are decoded with or without the part beyond the image.
-                let stride = match samples.len() / header.channels {
+                let stride = match samples.len() / stored {
                     n if n == columns * rows => columns,
                     n if n == across * down || n == across * rows => across,
                     n => {
@@ -222,12 +248,12 @@ impl TiffRows {
                     }
                 };
                 for row in 0..rows {
-                    let from = &samples[row * stride * header.channels..][..columns * header.channels];
-                    block[(row * width + j * across) * header.channels..][..from.len()].copy_from_slice(from);
+                    let from = &samples[row * stride * stored..][..columns * stored];
+                    block[(row * width + j * across) * stored..][..from.len()].copy_from_slice(from);
                 }
             }
             for row in 0..rows {
-                sink(first + row, &block[row * width * header.channels..][..width * header.channels])?;
+                sink(first + row, &block[row * width * stored..][..width * stored])?;
             }
         }
         Ok(())

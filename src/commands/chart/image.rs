@@ -20,12 +20,12 @@ use formats::durable::{create_directories, parent_of};
 use pipeline::colour::Illuminant;
 use pipeline::flow::{ChartSource, SourceSinkError};
 use pipeline::geometry::{Rect, Size};
-use pipeline::reflectance::primaries;
+use pipeline::reflectance::{EXACT, Primaries, ReflectanceError, primaries};
 use serde_json::{Map, json};
 use std::sync::atomic::{AtomicU64, Ordering::Relaxed};
 
 /// Default bands.
-const DEFAULT_BANDS: &str = "400:700:10";
+pub const DEFAULT_BANDS: &str = "400:700:10";
 /// Maximum memory of a thread: a shard of the store, its encoded bytes, a row of shards of linear samples.
 const MAX_THREAD_BYTES: u64 = 96 << 20;
 
@@ -67,6 +67,21 @@ impl ChartSource for IlluminatedPicture {
 
 /// Runs the command.
 pub fn command(args: &ImageArgs) -> Result<()> {
+    if let Some((light, exposure)) = convert(args)? {
+        log_line(format!(
+            "to display white as 255: lenscube export {} OUT.png --white {} --exposure {exposure}",
+            args.out.display(),
+            light.name()
+        ));
+    }
+    Ok(())
+}
+
+/// Converts the picture; the illuminant of the chart, if it has one, and the exposure that displays its white as 255.
+///
+/// # Errors
+/// Flags that do not fit the file; a file that cannot be read; the store.
+pub fn convert(args: &ImageArgs) -> Result<Option<(Illuminant, f64)>> {
     let light: Illuminant =
         args.illuminant.parse().map_err(|e| usage(format!("--illuminant {}: {e}", args.illuminant)))?;
     check_absent(&args.out, args.overwrite)?;
@@ -126,14 +141,7 @@ pub fn command(args: &ImageArgs) -> Result<()> {
     if negative > 0 {
         log_line(format!("note: {negative} negative samples were replaced by 0"));
     }
-    if let Some(light) = conversion.illuminant {
-        log_line(format!(
-            "to display white as 255: lenscube export {} OUT.png --white {} --exposure {exposure}",
-            args.out.display(),
-            light.name()
-        ));
-    }
-    Ok(())
+    Ok(conversion.illuminant.map(|light| (light, exposure)))
 }
 
 /// Conversion of channels to bands.
@@ -180,16 +188,50 @@ fn conversion(
             illuminant: reflective.then_some(light),
         });
     }
-    let wavelengths = args.wavelengths.as_deref().unwrap_or(DEFAULT_BANDS);
-    let wavelengths_nm =
-        pipeline::wavelengths::parse(wavelengths).map_err(|e| usage(format!("--wavelengths: {e}")))?;
+    let wavelengths_nm = bands(args.wavelengths.as_deref())?;
     let factors: Vec<Vec<f32>> = if file.is_grey() {
         wavelengths_nm.iter().map(|&nm| vec![power(nm) as f32]).collect()
     } else {
-        let rho = primaries(&wavelengths_nm, light).map_err(|e| usage(format!("--wavelengths: {e}")))?;
-        std::iter::zip(&wavelengths_nm, rho)
+        let found = colours(&wavelengths_nm, light, args.max_colour_error)?;
+        if found.error > EXACT {
+            log_line(format!(
+                "note: colours in error by up to {:.1} % of white ({}): the bands cannot represent all of sRGB",
+                100.0 * found.error,
+                found.corner
+            ));
+        }
+        std::iter::zip(&wavelengths_nm, found.rho)
             .map(|(&nm, rho)| rho.map(|r| (r * power(nm)) as f32).to_vec())
             .collect()
     };
     Ok(Conversion { wavelengths_nm, factors, spectral: false, units: units.into(), illuminant: Some(light) })
+}
+
+/// The bands of `--wavelengths`.
+fn bands(wavelengths: Option<&str>) -> Result<Vec<f64>> {
+    pipeline::wavelengths::parse(wavelengths.unwrap_or(DEFAULT_BANDS))
+        .map_err(|e| usage(format!("--wavelengths: {e}")))
+}
+
+/// The reflectances of red, green and blue at `wavelengths_nm`.
+fn colours(wavelengths_nm: &[f64], light: Illuminant, max_error: Option<f64>) -> Result<Primaries> {
+    primaries(wavelengths_nm, light, max_error.unwrap_or(EXACT)).map_err(|e| {
+        let nearest = match e {
+            ReflectanceError::Unreachable { .. } => ", or accept the nearest colours with --max-colour-error",
+            _ => "",
+        };
+        usage(format!("--wavelengths: {e}{nearest}"))
+    })
+}
+
+/// Fails if the picture `file` cannot be converted to these bands under D65.
+///
+/// # Errors
+/// Usage.
+pub fn check_colours(file: &ImageFile, wavelengths: Option<&str>, max_error: Option<f64>) -> Result<()> {
+    let wavelengths_nm = bands(wavelengths)?;
+    match file.is_grey() {
+        true => Ok(()),
+        false => colours(&wavelengths_nm, Illuminant::D65, max_error).map(|_| ()),
+    }
 }

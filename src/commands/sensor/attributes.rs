@@ -70,7 +70,7 @@ impl RawJob {
                     "relative": film.relative,
                     "light": film.light,
                     "factors": film.factors,
-                    "pitch_um": film.pitch_um,
+                    "pitch_um": film.plane.pitch_um,
                     "pixels_per_sensor_pixel": geometry.rows.ratio(),
                 }),
                 film.wavelengths_nm.clone(),

@@ -7,13 +7,35 @@ use crate::film::reported;
 use crate::job::light_units::{self, Quantity};
 use anyhow::{Result, bail};
 use formats::chart::{ChartError, ChartOptions, ChartStore};
-use formats::film::FilmStore;
+use formats::film::{FilmSpec, FilmStore};
 use pipeline::flow::{ChartSource, SourceSinkError};
 use pipeline::geometry::{Rect, Size};
 use pipeline::sensor::HC_J_M;
 use serde_json::{Value, json};
 use std::f64::consts::PI;
 use std::path::{Path, PathBuf};
+
+/// Where the pixels of a film, or of one window of it, are.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct FilmPlane {
+    /// Size of the array in pixels.
+    pub size: Size,
+    /// Pixel pitch, µm.
+    pub pitch_um: f64,
+    /// Optical axis (y, x) from the array's middle, µm.
+    pub axis_um: (f64, f64),
+}
+
+impl FilmPlane {
+    /// That of an output of a film.
+    pub fn new(film: &FilmSpec, output: usize) -> Self {
+        let (rect, pitch_um) = (film.outputs[output].rect, film.pitch_um);
+        let axis =
+            |axis: f64, first: i64, n: usize| (axis - first as f64 - (n as f64 - 1.0) / 2.0) * pitch_um;
+        let axis_um = (axis(film.axis_px.0, rect.y, rect.height), axis(film.axis_px.1, rect.x, rect.width));
+        Self { size: rect.size(), pitch_um, axis_um }
+    }
+}
 
 /// A film, or one window of it.
 pub struct Film {
@@ -23,12 +45,8 @@ pub struct Film {
     pub bands: Bands,
     /// Wavelengths, ascending, nm.
     pub wavelengths_nm: Vec<f64>,
-    /// Pixel pitch, µm.
-    pub pitch_um: f64,
-    /// Size of the array in pixels.
-    pub size: Size,
-    /// Optical axis (y, x) from the array's middle, µm.
-    pub axis_um: (f64, f64),
+    /// Where its pixels are.
+    pub plane: FilmPlane,
     /// Irradiance of a film value of 1 in each band, W m⁻² nm⁻¹; of a relative film its scale is unknown.
     pub factors: Vec<f64>,
     /// Whether the values are relative.
@@ -84,16 +102,12 @@ impl Film {
         let (order, wavelengths_nm) = in_order(&film.wavelengths_nm, path)?;
         let options = ChartOptions { cache_bytes, ..ChartOptions::default() };
         let array = ChartStore::open_at(Path::new(path), &name, options)?;
-        let (rect, pitch_um) = (film.outputs[output].rect, film.pitch_um);
-        let axis =
-            |axis: f64, first: i64, n: usize| (axis - first as f64 - (n as f64 - 1.0) / 2.0) * pitch_um;
         let factors = factors(&store, &wavelengths_nm, args)?;
         let [_, rows, columns] = array.chunk_shape();
         let provenance = |key: &str| store.provenance().get(key).cloned().unwrap_or_default();
         Ok(Self {
             path: path.into(),
-            size: rect.size(),
-            axis_um: (axis(film.axis_px.0, rect.y, rect.height), axis(film.axis_px.1, rect.x, rect.width)),
+            plane: FilmPlane::new(film, output),
             relative: factors.is_none(),
             factors: factors.unwrap_or_else(|| vec![1.0; wavelengths_nm.len()]),
             units: film.units.clone(),
@@ -107,7 +121,6 @@ impl Film {
             chunk: (rows, columns),
             bands: Bands { store: array, order },
             wavelengths_nm,
-            pitch_um,
         })
     }
 
@@ -154,6 +167,13 @@ fn factors(store: &FilmStore, wavelengths_nm: &[f64], args: &ExposeArgs) -> Resu
     let film = store.spec();
     let area_m2 = (film.pitch_um * 1e-6).powi(2);
     let Some((quantity, factor)) = light_units::parse(&film.units) else { return Ok(None) };
+    if args.f_number.is_some() && !matches!(quantity, Quantity::Radiance) {
+        return Err(usage(format!(
+            "--f-number is for films of radiance; film {} holds what reaches it ({}): leave --f-number out",
+            store.path().display(),
+            film.units
+        )));
+    }
     let factors: Vec<f64> = match quantity {
         Quantity::Irradiance => vec![1.0; wavelengths_nm.len()],
         Quantity::Photons => wavelengths_nm.iter().map(|nm| HC_J_M / (nm * 1e-9) / area_m2).collect(),

@@ -1,6 +1,6 @@
 //! Position of the sensor on the film: its size, its centre, the weights of film pixels.
 
-use super::film::Film;
+use super::film::FilmPlane;
 use crate::args::{ExposeArgs, SizeArg, size_order_note};
 use crate::failure::usage;
 use crate::progress::log_line;
@@ -28,7 +28,7 @@ pub struct Geometry {
 
 impl Geometry {
     /// Places `sensor` on `film`.
-    pub fn new(sensor: &Sensor, film: &Film, args: &ExposeArgs) -> Result<Self> {
+    pub fn new(sensor: &Sensor, film: &FilmPlane, args: &ExposeArgs) -> Result<Self> {
         let (p, a) = (sensor.pixel.pitch_um, sensor.pixel.aperture_um);
         if !args.coarse_film {
             check_pitch(
@@ -153,7 +153,7 @@ pub fn check_rois(args: &ExposeArgs, size: Size) -> Result<()> {
     }
 }
 
-fn beyond(size: Size, pitch_um: f64, centre_um: (f64, f64), film: &Film) -> anyhow::Error {
+fn beyond(size: Size, pitch_um: f64, centre_um: (f64, f64), film: &FilmPlane) -> anyhow::Error {
     let mm = |n: usize, pitch_um: f64| n as f64 * pitch_um * 1e-3;
     usage(format!(
         "a sensor of {:.4} x {:.4} mm (width x height) with its middle {:.4}, {:.4} mm (right, down) from the film's reaches beyond the \

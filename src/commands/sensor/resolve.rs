@@ -1,8 +1,8 @@
 //! Flags resolved: film or kept signal, sensor, geometry, exposure, memory. What can fail early fails here, before any pixel.
 
 use super::exposure::{Times, time};
-use super::film::Film;
-use super::geometry::{Geometry, check_rois};
+use super::film::{Film, FilmPlane};
+use super::geometry::{Geometry, check_pitch, check_rois};
 use super::kept::Kept;
 use super::memory::{self, Memory, Needs};
 use super::open::open_sensor;
@@ -10,9 +10,11 @@ use super::{identity, warnings};
 use crate::args::ExposeArgs;
 use crate::camera::frame::split_group;
 use crate::failure::usage;
+use crate::job::light_units;
 use crate::machine::{MemoryLimit, threads};
 use crate::progress::given_number;
 use anyhow::Result;
+use formats::film::FilmSpec;
 use formats::group::Output;
 use formats::raw::{RawSpec, RawStore};
 use formats::sensor::SensorFile;
@@ -87,8 +89,8 @@ impl RawJob {
         };
         let file = open_sensor(name, &args.set)?;
         let opened = Film::open(film, args, 0)?;
-        let sensor = file.sensor(opened.pitch_um);
-        let geometry = Geometry::new(&sensor, &opened, args)?;
+        let sensor = file.sensor(opened.plane.pitch_um);
+        let geometry = Geometry::new(&sensor, &opened.plane, args)?;
         let mut notes = warnings::of_spectrum(&sensor, &opened.wavelengths_nm, &opened.path)?;
         notes.extend(geometry.warning());
         let relative = opened.relative;
@@ -248,6 +250,29 @@ impl RawJob {
     pub fn sums_lux(&self) -> bool {
         self.film_lux.is_some()
     }
+}
+
+/// Fails for a sensor and an exposure that are not possible for the film at `path` that will have the layout `film`, before it is made.
+///
+/// # Errors
+/// Usage, as [`RawJob::new`] once the film is there; the sensor cannot be read.
+pub fn check_before_film(args: &ExposeArgs, path: &Path, film: &FilmSpec) -> Result<Sensor> {
+    let times = Times::parse(args.exposure.as_deref().unwrap_or_default())?;
+    let plane = FilmPlane::new(film, 0);
+    let sensor = open_sensor(args.sensor.as_deref().unwrap_or_default(), &args.set)?.sensor(plane.pitch_um);
+    // `lenscube sensor` names its own flags for it.
+    check_pitch(&sensor, plane.pitch_um, "give `", "")?;
+    Geometry::new(&sensor, &plane, args)?;
+    warnings::of_spectrum(&sensor, &film.wavelengths_nm, path)?;
+    let is_relative = light_units::parse(&film.units).is_none();
+    check_scale(
+        args,
+        is_relative,
+        matches!(times, Times::Auto { .. }),
+        &format!("the film ({})", film.units),
+    )?;
+    gain(args, &sensor)?;
+    Ok(sensor)
 }
 
 /// Whether times and a relative film go together.

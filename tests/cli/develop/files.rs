@@ -118,6 +118,53 @@ fn a_shot_is_run_sensor_and_develop() {
     assert!(six.exists() && std::fs::read_dir(place.at("six.dng.shot")).unwrap().count() == 1);
 }
 
+/// The same as converting the picture first; an interrupted command resumes, and what cannot be done is said before anything is made.
+#[test]
+fn a_picture_in_colour_is_shot() {
+    let place = Place::new();
+    let picture =
+        Path::new(env!("CARGO_MANIFEST_DIR")).join("formats/tests/data/pictures/colour/baseline.jpg");
+    let (out, chart, other) = (place.at("out.png"), place.at("chart.zarr"), place.at("other.png"));
+    let kept = place.at("kept");
+    let own = ["--lens", LENS, "--sensor", "example-2um", "--film-pitch-um", "2"];
+    let bands = ["--wavelengths", "400:700:20"];
+    let base = [&["shoot", text(&picture), text(&out)], &own[..], &bands].concat();
+    let keep = ["--keep", text(&kept)];
+    for (refused, words) in [
+        (&["--exposure", "0"][..], "--exposure 0"),
+        (&["--white", "F7"], "--white F7"),
+        (&["--gain", "1000"], "gain 1000"),
+        (&["--chart-units", "W m-2 nm-1 sr-1"], "is a picture"),
+    ] {
+        assert_exit(&lenscube(&[&base[..], refused].concat()), USAGE, &[words]);
+    }
+    assert_exit(
+        &lenscube(&[&["shoot", text(&picture), text(&out)], &own[..4]].concat()),
+        USAGE,
+        &["--film-pitch-um"],
+    );
+    assert_eq!(std::fs::read_dir(place.at(".")).unwrap().count(), 0, "something was made");
+    let killed = Command::new(env!("CARGO_BIN_EXE_lenscube"))
+        .args([&base[..], &keep].concat())
+        .env("LENSCUBE_FAULT", "commit:1:kill")
+        .output()
+        .unwrap();
+    assert!(!killed.status.success() && !out.exists());
+    let shot = lenscube(&[&base[..], &keep].concat());
+    assert_exit(&shot, 0, &["1/4  chart", "2/4  film", "4/4  picture"]);
+    let mut convert = vec!["chart", "image", text(&picture), text(&chart), "--film-pitch-um", "2"];
+    convert.extend(bands);
+    lenscube(&convert).ok();
+    lenscube(&[&["shoot", text(&chart), text(&other)], &own[..4]].concat()).ok();
+    // The comment in the files names their jobs.
+    let same = || linear(&out, Transfer::Srgb).1 == linear(&other, Transfer::Srgb).1;
+    assert!(same());
+    // Nothing else is left behind.
+    std::fs::remove_file(&out).unwrap();
+    lenscube(&base).ok();
+    assert!(same() && !place.at("out.png.shot").exists());
+}
+
 #[test]
 fn a_shot_of_surfaces_at_several_distances_has_the_film_of_run() {
     let place = Place::new();

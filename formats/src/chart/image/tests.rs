@@ -187,13 +187,20 @@ fn of_pillow(name: &str) -> Result<Vec<Vec<u8>>, ChartError> {
 fn jpeg_webp_and_opaque_alpha_of_pillow_are_decoded() {
     let value = |c: usize, k: usize| ((60 * c + 5 * (k / 12) + 3 * (k % 12)) % 251) as u8;
     let exact: Vec<Vec<u8>> = (0..3).map(|c| (0..108).map(|k| value(c, k)).collect()).collect();
-    for name in ["rgb.png", "opaque-alpha.png", "lossless.webp", "opaque-alpha.webp"] {
+    for name in [
+        "rgb.png",
+        "opaque-alpha.png",
+        "opaque-alpha.tif",
+        "opaque-alpha-deflate.tif",
+        "lossless.webp",
+        "opaque-alpha.webp",
+    ] {
         assert_eq!(of_pillow(name).unwrap(), exact, "{name}");
     }
     // Pillow drops the opaque alpha channel of a WebP.
     let notes = ImageFile::open(&fixture("opaque-alpha.png")).unwrap().notes().join(" ");
     assert!(notes.contains("alpha channel is dropped"), "{notes}");
-    for name in ["alpha.png", "alpha.webp"] {
+    for name in ["alpha.png", "alpha.tif", "alpha.webp"] {
         let error = of_pillow(name).unwrap_err().to_string();
         assert!(error.contains("flatten") && error.contains("row 0, column 0"), "{name}: {error}");
     }
