@@ -11,7 +11,7 @@ use bytes::read_bytes;
 use coatings::DesignCoatings;
 pub use coatings::{coating_tables, note_on_ideal};
 use formats::design::builtin::{self, BuiltinLens};
-use formats::design::{LensFile, LensFileError, ReadOptions, agf, is_lens_file};
+use formats::design::{INFINITE_MM, LensFile, LensFileError, ReadOptions, agf, is_lens_file};
 use pipeline::design::crossing::crossings;
 use pipeline::design::glass_library::GlassLibrary;
 use pipeline::design::system::{ImagePlane, System};
@@ -133,7 +133,20 @@ fn read_design(name: &str, args: &DesignArgs) -> Result<(System, Option<DesignFi
         let name = path.file_stem().unwrap_or_default().to_string_lossy();
         notes.extend(add_usable(&mut glasses, &name, &read_bytes(&path)?));
     }
-    let mut system = design.read(&glasses, &options).with_context(reading)?;
+    let mut system = match design.read(&glasses, &options) {
+        Ok(system) => system,
+        // Perhaps a glass is in a catalogue of the folder that the design does not name.
+        Err(error) => {
+            let others = other_catalogues(path, &design.catalogue_names());
+            for path in &others {
+                let name = path.file_stem().unwrap_or_default().to_string_lossy();
+                notes.extend(add_usable(&mut glasses, &name, &read_bytes(path)?));
+                notes.push(format!("glass catalogue {name} of the design's folder, which the design does not name, is read for its other glasses"));
+            }
+            let again = if others.is_empty() { None } else { design.read(&glasses, &options).ok() };
+            again.ok_or(error).with_context(reading)?
+        }
+    };
     system.notes.extend(notes);
     let coatings =
         DesignCoatings { path: path.into(), name: design.coating_file(), members: design.coating_files };
@@ -151,7 +164,8 @@ fn lens_file(path: &Path, bytes: Vec<u8>) -> Result<LensFile> {
 /// Glass catalogues beside the design `path` that are read with it; none of a file that is no design.
 pub fn catalogues_of(path: &Path) -> Vec<PathBuf> {
     let design = read_bytes(path).and_then(|bytes| lens_file(path, bytes));
-    design.map_or(Vec::new(), |design| catalogues_beside(path, &design.catalogue_names()))
+    // Also those that are read only for a glass that is in no other.
+    design.map_or(Vec::new(), |_| catalogues_in_folder_of(path, |_| true))
 }
 
 /// Adds the usable glasses of a catalogue that came with a design; returns a note on the others.
@@ -172,14 +186,23 @@ fn add_catalogue(glasses: &mut GlassLibrary, path: &Path) -> Result<()> {
 
 /// Files `NAME.agf`, ignoring case, in the design's directory for the catalogues that it names.
 fn catalogues_beside(design: &Path, names: &[String]) -> Vec<PathBuf> {
+    catalogues_in_folder_of(design, |stem| names.iter().any(|name| name.eq_ignore_ascii_case(stem)))
+}
+
+/// The other catalogues in the design's directory.
+fn other_catalogues(design: &Path, names: &[String]) -> Vec<PathBuf> {
+    catalogues_in_folder_of(design, |stem| !names.iter().any(|name| name.eq_ignore_ascii_case(stem)))
+}
+
+/// Glass catalogues in the design's directory whose names without ending are `wanted`, sorted.
+fn catalogues_in_folder_of(design: &Path, wanted: impl Fn(&str) -> bool) -> Vec<PathBuf> {
     let directory = design.parent().filter(|d| !d.as_os_str().is_empty()).unwrap_or(Path::new("."));
-    let is_named = |path: &PathBuf| {
+    let is_wanted = |path: &PathBuf| {
         let is_agf = path.extension().is_some_and(|e| e.eq_ignore_ascii_case("agf"));
-        let stem = path.file_stem().unwrap_or_default().to_string_lossy();
-        is_agf && names.iter().any(|name| name.eq_ignore_ascii_case(&stem))
+        is_agf && path.is_file() && wanted(&path.file_stem().unwrap_or_default().to_string_lossy())
     };
     let entries = std::fs::read_dir(directory).into_iter().flatten();
-    let mut paths: Vec<PathBuf> = entries.filter_map(|e| Some(e.ok()?.path())).filter(is_named).collect();
+    let mut paths: Vec<PathBuf> = entries.filter_map(|e| Some(e.ok()?.path())).filter(is_wanted).collect();
     paths.sort();
     paths
 }
@@ -207,7 +230,7 @@ fn apply(mut system: System, args: &DesignArgs, coatings: &DesignCoatings) -> Re
         system.check()?;
     }
     if let Some(distance) = args.object_distance_mm {
-        system = system.with_object_distance(Some(distance))?;
+        system = system.with_object_distance(Some(distance).filter(|mm| mm.abs() < INFINITE_MM))?;
     }
     let plane = image_plane(args, &system);
     if (plane, args.defocus_mm) != (ImagePlane::AsDesigned, 0.0) {

@@ -36,6 +36,7 @@ pub mod writing;
 pub mod zar;
 pub mod zmx;
 
+pub use draft::INFINITE_MM;
 pub use error::LensFileError;
 pub use format::{
     Content, LensFormat, Read, TextFormat, Unpack, Write, endings_read, endings_written, names_read,

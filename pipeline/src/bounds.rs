@@ -100,6 +100,8 @@ pub const VERGENCE: Bound = bound("the vergence", "1/m", 0.0, 1e4);
 pub const PUPIL_SHIFT_MM: Bound = bound("the shift of the entrance pupil", "mm", -1e5, 1e5);
 /// Blur radius on the film per dioptre from focus, µm·m: a microlens to a telescope.
 pub const BLUR_PER_DIOPTRE_UM: Bound = bound("the blur per dioptre", "µm", 1e-6, 1e12);
+/// Largest error of a kernel between depth nodes, L1 at film pixels: two kernels differ by at most 2.
+pub const DEPTH_TOLERANCE: Bound = bound("the error between depth nodes", "", 1e-4, 2.0);
 /// Object distance in focus, m from the entrance pupil.
 pub const FOCUS_M: Bound = bound("the focus distance", "m", 1e-4, f64::INFINITY);
 /// Bands of a chart or film.

@@ -146,7 +146,19 @@ fn range(item: &str, list: &str) -> Result<Vec<f64>, WavelengthError> {
         return Err(WavelengthError::MissesEnd { item: item.into(), last_nm: last, reached_nm });
     }
     let count = rounded as usize;
-    Ok((0..=count).map(|i| if i == count { last } else { first + i as f64 * step }).collect())
+    // To 1e-9 nm: 400.2, not 400.20000000000005.
+    let at = |i: usize| ((first + i as f64 * step) * 1e9).round() / 1e9;
+    Ok((0..=count)
+        .map(|i| {
+            if i == 0 {
+                first
+            } else if i == count {
+                last
+            } else {
+                at(i)
+            }
+        })
+        .collect())
 }
 
 #[cfg(test)]
@@ -158,7 +170,7 @@ mod tests {
         let nm = parse("400:700:10").unwrap();
         assert_eq!((nm.len(), nm[0], nm[1], nm[30]), (31, 400.0, 410.0, 700.0));
         assert_eq!(parse("500:500:10").unwrap(), [500.0]);
-        assert_eq!(parse("400:401:0.1").unwrap().len(), 11);
+        assert_eq!(parse("400.1:400.7:0.1").unwrap(), [400.1, 400.2, 400.3, 400.4, 400.5, 400.6, 400.7]);
     }
 
     #[test]

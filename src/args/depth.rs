@@ -2,10 +2,11 @@
 
 use super::choices::{Choices, one_of};
 use super::design::{Gap, focus_m, gap};
-use super::values::positive;
+use super::values::bounded;
 use crate::failure::usage;
 use anyhow::Result;
 use clap::Args;
+use pipeline::bounds;
 
 /// Surfaces at several distances, and the lens's focus.
 #[derive(Clone, Debug, Default, PartialEq, Args)]
@@ -51,7 +52,7 @@ pub struct DepthArgs {
     #[arg(long, value_name = "GROUP|none")]
     pub hidden: Vec<String>,
     /// Maximum error of a kernel half-way between the depth nodes of a design, L1 at film pixels [default: 0.02]
-    #[arg(long, value_name = "L1", value_parser = positive)]
+    #[arg(long, value_name = "L1", value_parser = bounded(bounds::DEPTH_TOLERANCE))]
     pub depth_tolerance: Option<f64>,
 }
 

@@ -340,7 +340,7 @@ pub struct TraceArgs {
     #[arg(long, value_name = "NEAR:FAR", value_parser = depths, help_heading = "Depth")]
     pub depths_m: Option<Depths>,
     /// Maximum error of a kernel half-way between depth nodes, L1 at film pixels
-    #[arg(long, value_parser = positive, default_value = "0.02", requires = "depths_m", help_heading = "Depth")]
+    #[arg(long, value_parser = bounded(bounds::DEPTH_TOLERANCE), default_value = "0.02", requires = "depths_m", help_heading = "Depth")]
     pub depth_tolerance: f64,
     /// Largest pack with depth nodes, GB uncompressed, as estimated before it is traced
     #[arg(long, value_name = "GB", value_parser = positive, default_value = "16", requires = "depths_m", help_heading = "Depth")]

@@ -86,7 +86,7 @@ pub struct PlanArgs {
     #[arg(short, long, value_name = "job.json", default_value = ".")]
     pub output: PathBuf,
     /// Divide into at least N units, as equal as bands and shard rows allow [default: a unit for each band; of jobs of many core seconds and few
-    /// bands more, at least 24; of small jobs fewer, of at least 4 core seconds each]
+    /// bands more, at least 24]
     #[arg(long, value_name = "N", value_parser = units, conflicts_with = "unit_rows")]
     pub units: Option<usize>,
     /// Shard rows per unit [default: those of complete bands]

@@ -126,7 +126,7 @@ fn units_of_any_size_in_any_order_give_the_bytes_of_a_single_run() {
         (&["--unit-rows", "1"], 16),
         (&["--units", "3"], 4),
         (&["--unit-rows", "1", "--scatter", "3%,r0=5", "--veiling-glare", "1%"], 16),
-        (&[], 1),
+        (&[], 2),
     ] {
         let planned = Planned::new(place(), flags);
         assert_eq!(planned.units(), units, "{flags:?}");

@@ -14,7 +14,7 @@ use pipeline::design::system::{Aperture, FieldKind, Medium, RayAiming, Surface, 
 use pipeline::real;
 
 /// Object distances from here on count as infinite, mm.
-pub(super) const INFINITE_MM: f64 = 1e9;
+pub const INFINITE_MM: f64 = 1e9;
 
 /// Semi-diameters that stand for vignetting factors are enlarged by this share, so that rounding does not clip the axial beam.
 const VIGNETTING_SLACK: f64 = 1e-6;

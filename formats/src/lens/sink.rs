@@ -54,7 +54,11 @@ impl Sink {
             }
             None => write_synced(&self.temp.join(key), bytes),
         };
-        written.map_err(|e| self.io("write", e))
+        written.map_err(|e| {
+            // Dropped, it would try to finish the archive, and print that it cannot.
+            std::mem::forget(self.zip.take());
+            self.io("write", e)
+        })
     }
 
     /// Flushes the pack and renames it to its final name.

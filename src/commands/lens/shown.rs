@@ -2,9 +2,11 @@
 
 use crate::job::lens::samples::{FieldFigures, LensData, LensSamples};
 use anyhow::{Context, Result};
-use pipeline::design::System;
+use pipeline::bounds::TRANSMISSION;
 use pipeline::design::field_figures::{RayFigures, field_figures};
+use pipeline::design::illumination::axial_transmission;
 use pipeline::design::trace::lens_header;
+use pipeline::design::{DesignError, System};
 use pipeline::lens::Lens;
 
 /// Share of the light that the window of a design is estimated for, and the film pitch, as in `lens trace`.
@@ -45,6 +47,12 @@ fn of_samples(samples: &LensSamples) -> Shown {
 
 fn of_design(system: &System, nm: &[f64], heights_mm: &[f64]) -> Result<Shown> {
     let um: Vec<f64> = nm.iter().map(|nm| nm / 1e3).collect();
+    // Of a lens that passes no light all figures are quotients of nothing.
+    for &wavelength_um in &um {
+        if !TRANSMISSION.contains(axial_transmission(system, wavelength_um)?) {
+            return Err(DesignError::Dark { wavelength_um }.into());
+        }
+    }
     let traced = field_figures(system, &um, heights_mm, ENERGY, FILM_PITCH_UM)?;
     let places = nm.iter().flat_map(|nm| heights_mm.iter().map(move |mm| (nm, mm)));
     let (mut fields, mut missing, mut first) = (Vec::new(), Vec::new(), None);

@@ -65,7 +65,7 @@ pub fn glare(plane: &Plane<'_>, name: Name, (black, white_area): (Rect, Rect)) -
     let (of_white, white_deviation, saturated) = white(plane, white_area)?;
     let index = of_black / of_white;
     let in_db = attenuation_db(index);
-    let shown = in_db.map_or(String::new(), |db| format!(" (-{db:.2} dB)"));
+    let shown = in_db.map_or(String::new(), |db| format!(" ({:.2} dB)", 0.0 - db));
     let unit = plane.unit();
     let remarks: Vec<Remark> = saturated.into_iter().collect();
     Ok(Measurement {
@@ -149,7 +149,7 @@ pub fn flare(
         .percentiles
         .iter()
         .map(|(percent, value)| {
-            let db = attenuation_db(*value).map_or(String::new(), |db| format!(" (-{db:.1} dB)"));
+            let db = attenuation_db(*value).map_or(String::new(), |db| format!(" ({:.1} dB)", 0.0 - db));
             format!("{percent} % below {value:.3e}{db}")
         })
         .collect();

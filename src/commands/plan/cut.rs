@@ -2,7 +2,7 @@
 //!
 //! Tiles whose tails reach two units are computed by both, about one row of tiles per boundary. So a unit is a complete band, unless
 //! that makes fewer than [`MIN_UNITS`] units; then bands are divided as long as at most [`MAX_TWICE`] of the tiles are computed twice.
-//! Bands of little cost are grouped, so that start-up remains a small share. Shard rows are counted through all arrays of the
+//! Bands are grouped beyond [`MAX_UNITS`] alone. Shard rows are counted through all arrays of the
 //! film, one after the other. The division depends on the job alone.
 
 use super::file::{Shards, Totals, Unit};
@@ -18,7 +18,7 @@ const MIN_UNITS: usize = 24;
 const MAX_TWICE: f64 = 0.1;
 /// Maximum number of units by default: many clusters limit array jobs to 1001.
 const MAX_UNITS: usize = 1000;
-/// Core seconds below which a unit is grouped with the next band: twenty times a worker's start-up.
+/// Core seconds below which a band is not divided: twenty times a worker's start-up.
 const MIN_CORE_S: f64 = 4.0;
 
 /// The film's arrays and their shards.
@@ -71,7 +71,7 @@ pub fn units(job: &Job, unit_rows: Option<usize>, count: Option<usize>) -> Vec<U
             return units;
         }
     }
-    let group = bands.len().div_ceil(affordable.clamp(1, MAX_UNITS).min(bands.len()));
+    let group = bands.len().div_ceil(MAX_UNITS);
     if group == 1 { whole_bands } else { cut(group, rows.len()) }
 }
 

@@ -64,6 +64,9 @@ fn coatings_of_a_file_are_those_of_the_flag() {
     fs::write(job.at("wrong.toml"), "default = \"x\"\n").unwrap();
     let wrong = job.run("cache", "wrong", &["--coatings", text(&job.at("wrong.toml"))]);
     assert_error_line(&wrong, 1, &["wrong.toml", "no coating `x`", "mgf2"]);
+    fs::write(job.at("row.toml"), "default = \"x\"\n[coating.x]\nreflectance = [[550, 0.1]]\n").unwrap();
+    let row = job.run("cache", "wrong", &["--coatings", text(&job.at("row.toml"))]);
+    assert_error_line(&row, 1, &["row.toml", "a table of one row"]);
     for no_surface in ["", "[coating.x]\nreflectance = 0.5\n"] {
         fs::write(job.at("empty.toml"), no_surface).unwrap();
         let empty = job.run("cache", "wrong", &["--coatings", text(&job.at("empty.toml"))]);
@@ -155,6 +158,8 @@ fn lens_that_passes_no_light_is_an_error_and_has_no_figures_of_nan() {
         assert!(!found.stdout.contains("NaN"), "{}", found.stdout);
         let psf = lenscube(&[&["lens", "psf", "double-gauss-28", "--size", "9"], &coatings[..]].concat());
         assert_error_line(&psf, FAILED, &["pass no light at 0.5876 µm", "coatings"]);
+        let show = lenscube(&[&["lens", "show", "double-gauss-28"], &coatings[..]].concat());
+        assert_error_line(&show, FAILED, &["pass no light at 0.", "coatings"]);
         assert_error_line(&job.run("cache", "dark", &coatings), FAILED, &["pass no light at 0.", "µm"]);
     }
     // Less light than a lens pack may have, more than rounding: an error of the lens, not of its pack.

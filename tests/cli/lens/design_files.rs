@@ -54,8 +54,14 @@ fn own_glasses_are_written_beside_the_design_and_found_there() {
     assert!(d.exists() && catalogue.exists());
     fs::remove_file(at(&dir, "mine.AGF")).unwrap();
     lenscube(&["lens", "convert", text(&b), text(&at(&dir, "again.csv"))]).ok();
+    // In a catalogue of the folder that the design does not name, and in none.
+    let other = lenscube(&["lens", "convert", text(&a), text(&at(&dir, "c.zmx"))]).ok();
+    assert!(other.stderr.contains("catalogue my-lens of the design's folder"), "{}", other.stderr);
+    for name in ["my-lens.agf", "d.agf", "c.agf", "again.agf"] {
+        let _ = fs::remove_file(at(&dir, name));
+    }
     assert_exit(
-        &lenscube(&["lens", "convert", text(&a), text(&at(&dir, "c.zmx"))]),
+        &lenscube(&["lens", "convert", text(&a), text(&at(&dir, "e.zmx"))]),
         FAILED,
         &["OWN", "line 4"],
     );

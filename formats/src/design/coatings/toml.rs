@@ -113,6 +113,9 @@ fn coating(name: &str, entry: &Value, materials: &Table, beside: ReadBeside<'_>)
     let entry = entry.ok_or("expected one of reflectance, layers, table")?;
     if let Some(value) = entry.get("reflectance") {
         let rows = rows(value, 2)?;
+        if rows.len() == 1 && value.is_array() {
+            return Err("reflectance: a table of one row has one wavelength alone; give one number for all, or two rows at least".to_owned());
+        }
         if let Some(row) = rows.iter().find(|row| !(0.0..=1.0).contains(&row[1])) {
             return Err(format!("reflectance {}: expected a share from 0 to 1", row[1]));
         }

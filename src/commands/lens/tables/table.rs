@@ -1,6 +1,7 @@
 //! A table as JSON and as CSV.
 
 use crate::args::TableName;
+use crate::progress::number;
 use serde_json::{Map, Value};
 use std::path::{Path, PathBuf};
 
@@ -41,7 +42,7 @@ impl Table {
         Value::Array(self.rows.into_iter().map(object).collect())
     }
 
-    /// A header line and a line per row; what is not available is empty.
+    /// A header line and a line per row, numbers to twelve digits; what is not available is empty.
     pub fn csv(&self) -> String {
         let cell = |v: &Value| match v {
             Value::Null => String::new(),
@@ -50,6 +51,7 @@ impl Table {
                 format!("\"{}\"", s.replace('"', "\"\""))
             }
             Value::String(s) => s.clone(),
+            Value::Number(n) if n.is_f64() => Value::from(n.as_f64().map(number)).to_string(),
             v => v.to_string(),
         };
         let line = |cells: Vec<String>| cells.join(",") + "\n";
@@ -70,10 +72,12 @@ mod tests {
 
     #[test]
     fn csv_has_units_empty_cells_and_quotes() {
-        let rows =
-            vec![vec![json!(550.0), Value::Null, json!("a, \"b\"")], vec![json!(1e-7), json!(3), json!("c")]];
+        let rows = vec![
+            vec![json!(550.0), Value::Null, json!("a, \"b\"")],
+            vec![json!(0.1 + 0.2), json!(3), json!("c")],
+        ];
         let table = Table::new(TableName::Spots, &["wavelength_nm", "rms_um", "name"], rows);
-        assert_eq!(table.csv(), "wavelength_nm,rms_um,name\n550.0,,\"a, \"\"b\"\"\"\n1e-7,3,c\n");
+        assert_eq!(table.csv(), "wavelength_nm,rms_um,name\n550.0,,\"a, \"\"b\"\"\"\n0.3,3,c\n");
         assert_eq!(table.key(), "spots");
         assert_eq!(table.json()[1]["rms_um"], 3);
     }
