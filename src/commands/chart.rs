@@ -1,8 +1,6 @@
 //! `lenscube chart`: writes a generated chart, or a chart made from a picture, to a store.
 
-mod image;
-
-pub use image::{DEFAULT_BANDS, check_colours, convert};
+pub mod image;
 
 use crate::args::{ChartArgs, ChartCommand, GeneratedArgs, size_order_note};
 use crate::failure::{other_job, usage};

@@ -1,7 +1,8 @@
 //! `lenscube shoot`: chart → film → raw → picture, by the commands `run`, `sensor` and `develop` one after the other. A picture as chart is
 //! converted first, by `chart image`, to a store that is named by a digest of the picture, so that an interrupted command resumes.
 
-use super::{chart, develop, run, sensor};
+use super::chart::image;
+use super::{develop, run, sensor};
 use crate::args::{
     DevelopArgs, DevelopStyle, ExposeArgs, ImageArgs, PlacementArgs, ProgressArg, RunArgs, ShootArgs,
     check_directory,
@@ -203,8 +204,8 @@ impl Picture {
                 args.chart
             ))
         })?;
-        chart::check_colours(&file, args.wavelengths.as_deref(), args.max_colour_error)?;
-        let wavelengths = args.wavelengths.clone().unwrap_or(chart::DEFAULT_BANDS.into());
+        image::check_colours(&file, args.wavelengths.as_deref(), args.max_colour_error)?;
+        let wavelengths = args.wavelengths.clone().unwrap_or(image::DEFAULT_BANDS.into());
         let mut hasher = blake3::Hasher::new();
         let reading = || format!("reading {}", args.chart);
         hasher.update_reader(File::open(path).with_context(reading)?).with_context(reading)?;
@@ -226,7 +227,7 @@ impl Picture {
         if self.chart.exists() {
             return Ok(());
         }
-        let image = ImageArgs {
+        let conversion = ImageArgs {
             threads: args.threads,
             memory: args.memory,
             pitch_um: Some(self.pitch_um),
@@ -234,7 +235,7 @@ impl Picture {
             wavelengths: Some(self.wavelengths.clone()),
             ..ImageArgs::new(&args.chart, &self.chart)
         };
-        chart::convert(&image).map(|_| ())
+        image::convert(&conversion).map(|_| ())
     }
 }
 
