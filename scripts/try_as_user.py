@@ -117,8 +117,14 @@ def write_charts(place):
     rgba[..., 3] = 100
     Image.fromarray(rgba).save(place / "transparent.png")
     tifffile.imwrite(place / "bands.tif", np.moveaxis((cube * 1e4).astype("u2"), 2, 0), photometric="minisblack", planarconfig="separate")
+    rgb = (255 * cube[..., :3]).astype("u1")
+    with h5py.File(place / "icvl-rgb.mat", "w") as f:
+        f["rad"], f["rgb"], f["bands"] = cube.transpose(2, 1, 0), rgb.transpose(2, 1, 0), NM
     cube[3, 4, 1] = np.nan
     np.save(place / "nan.npy", cube)
+    np.save(place / "nan-1.npy", cube[:, :, 1])
+    rgba[..., 3] = 255
+    tifffile.imwrite(place / "opaque.tif", rgba, photometric="rgb", extrasamples=["unassalpha"])
     (place / "notes.xyz").write_text("1 2 3")
 
 
@@ -143,14 +149,21 @@ def inputs(place):
         np.save(place / f"{dtype}.npy", (1000 * np.random.default_rng(2).random((len(NM), 64, 64))).astype(dtype))
         run(f"npy of {dtype}", f"{dtype}.npy", *GIVEN, "--axes", "wavelength,y,x", err=["integers"])
     task("chart of an OpenEXR of a renderer", ["chart", "image", "blender.exr", "blender.zarr", "--film-pitch-um", "2"], place, err=["layer ViewLayer.Combined"])
-    for picture in ("photo.png", "photo.jpg"):
+    for picture in ("photo.png", "photo.jpg", "opaque.tif"):
         task(f"chart of {picture}", ["chart", "image", picture, f"{picture}.zarr", "--pitch-um", "2"], place)
     task("transparent picture", ["chart", "image", "transparent.png", "no.zarr"], place, code=1, err=["alpha"])
+    few = ["chart", "image", "photo.png", "few.zarr", "--film-pitch-um", "2", "--wavelengths", "450,550,610"]
+    task("picture in three bands", few, place, code=2, err=["--max-colour-error"])
+    task("picture in three bands, nearest colours", [*few, "--max-colour-error", "25%"], place, err=["colours in error by up to"])
     run("TIFF of bands", "bands.tif", *GIVEN, "--chart-scale", "1e-4", err=["multiplied by 0.0001"])
     run("unknown format", "notes.xyz", code=1, err=["unsupported format .xyz; supported:"])
     run("missing file", "nowhere.npy", code=1, err=["nowhere.npy", "not found"])
     run("NaN", "nan.npy", *axes, code=1, err=["row 3, column 4", "--nan zero"])
     run("NaN as zero", "nan.npy", *axes, "--nan", "zero", err=["1 NaN"])
+    one = ["run", "nan-1.npy", "nan-1.zarr", *LENS, "--wavelengths", "500"]
+    task("NaN in one band", one, place, code=1, err=["--nan zero"])
+    task("the same film with NaN as zero", [*one, "--nan", "zero"], place, err=["has no shard yet: it begins again"])
+    run("radiance beside a preview", "icvl-rgb.mat", *GIVEN, err=["rad"])
     task("pitch in mm", ["run", "cube.zarr//radiance", "mm.zarr", "--lens", "double-gauss-28-npz", "--interpolate-psf", "--film-pitch-um", "0.005"], place, code=2, err=["--film-pitch-um 5"])
     films = [xarray.open_zarr(place / f"{name}.zarr", consolidated=False).film.values for name in ("mat-of-version-7.3", "npy-with-axes", "Zarr-of-xarray")]
     require("equal films of .mat, .npy and Zarr", all(np.array_equal(films[0], f) for f in films[1:]))
@@ -200,6 +213,46 @@ def tools(place):
     task("completions", ["completions", "bash"], place, out=["double-gauss-28", "noise.prnu="])
     task("manual", ["man", "man1"], place)
     require("manual pages have exit codes, environment, files, examples", all(f".SH {s}" in (place / "man1/lenscube-run.1").read_text() for s in ('EXAMPLES', '"EXIT STATUS"', '"ENVIRONMENT"', '"FILES"')))
+
+
+def camera(place):
+    """Films, raws and pictures of them; what does not fit is said before work."""
+    pack = ["--lens", "double-gauss-28-npz"]
+    shoot = ["shoot", "photo.jpg", "shot.png", *pack, "--sensor", "example-2um", "--film-pitch-um", "2"]
+    task("picture of a photograph", shoot, place, err=["4/4  picture"])
+    require("its size", Image.open(place / "shot.png").size == (64, 64))
+    task("picture again", shoot, place, code=3, err=["--overwrite"])
+    task("no exposure", [*shoot, "--overwrite", "--exposure", "0"], place, code=2, err=["--exposure 0"])
+    task("pixels of the film larger than the sensor's", [*shoot[:-1], "5", "--overwrite"], place, code=2, err=["--film-pitch-um 2"])
+    require("nothing was left behind", not list(place.glob("shot.png.*")))
+    chart = "gen:checker?size=96&pitch_um=2&wavelengths=450,550,650&illuminant=A"
+    task("film of a chart under A", ["run", chart, "lit.zarr", *pack, "--interpolate-psf"], place)
+    sensor = lambda out, *more: ["sensor", "lit.zarr", out, "--sensor", "example-2um", "--exposure", "auto", *more]
+    task("raw", sensor("lit.raw.zarr"), place)
+    task("digital numbers as a picture", sensor("dn.tif"), place, err=["--keep-dn"])
+    task("digital numbers as they are", sensor("kept.tif", "--keep-dn"), place)
+    require("12 bits", tifffile.imread(place / "kept.tif").max() <= 4095 < tifffile.imread(place / "dn.tif").max())
+    task("negative of another light", sensor("lit.dng", "--white", "D65"), place)
+    task("raw of another sensor", ["sensor", "lit.zarr", "mono.raw.zarr", "--sensor", "ideal-mono", "--exposure", "auto"], place)
+    task("two sensors side by side", ["compare", "lit.raw.zarr", "mono.raw.zarr", "--out", "sensors"], place)
+    task("film with another grid of PSFs", ["run", chart, "lit-4.zarr", *pack, "--interpolate-psf", "--azimuths", "4"], place)
+    task("two films band by band", ["compare", "lit.zarr", "lit-4.zarr", "--out", "films"], place)
+    for out in ("a.exr", "b.exr"):
+        task(f"export {out}", ["export", "lit.zarr", out], place)
+    require("the same bytes", (place / "a.exr").read_bytes() == (place / "b.exr").read_bytes())
+    task("a figure that is no picture", ["measure", "lit.zarr", "--points", "48,48", "--plot", "x.pdf"], place, code=2, err=[".svg"])
+    task("former names of size and pitch", ["chart", "uniform", "old.zarr", "--size", "32", "--pitch-um", "2"], place)
+    plan = ["plan", chart, "units.zarr", *pack, "--interpolate-psf", "-o", "units.json"]
+    task("plan of a unit for each band", plan, place)
+    require("three units", len(json.loads((place / "units.json").read_text())["units"]) == 3)
+    task("its units", ["run", "--plan", "units.json", "--unit", "0-2"], place)
+    done = task("none is missing", ["status", "--plan", "units.json", "--missing"], place).decode().strip()
+    task("no unit", ["run", "--plan", "units.json", "--unit", done], place, err=["nothing to do"])
+    np.save(place / "three.npy", np.ones((96, 96, 3), np.float32))
+    view = start(["view", "lit.zarr", "--chart", "three.npy", "--axes", "y,x,wavelength", "--port", "0"], place)
+    require("view of a film beside an array, whose wavelengths are the film's", view.stdout.readline().startswith(b"http"))
+    view.send_signal(signal.SIGINT)
+    view.communicate(timeout=30)
 
 
 def full_disk(place):
@@ -258,7 +311,7 @@ def every_day(place):
 with tempfile.TemporaryDirectory() as tmp:
     place = Path(tmp)
     write_charts(place)
-    for part in (inputs, lenses, every_day, tools, full_disk):
+    for part in (inputs, lenses, every_day, tools, camera, full_disk):
         part(place)
 print(f"{len(failed)} tasks failed" + "".join(f"\n  {name}" for name in failed))
 sys.exit(bool(failed))
