@@ -1,7 +1,7 @@
 //! `lenscube validate`.
 
 use super::choices::{STYLE, one_of};
-use super::design::DESIGN_FILES;
+use super::design::{CoatingsArg, DESIGN_FILES};
 use super::device::{Device, EngineArg};
 use super::values::{bytes, number, pitch, threads};
 use clap::Args;
@@ -21,6 +21,9 @@ pub struct ValidateArgs {
     /// Lens whose data the films are compared with [default: the same lens]
     #[arg(long, value_name = "NAME|PACK|DESIGN")]
     pub against: Option<String>,
+    /// Coatings of the designs among these two, as for `lenscube run`; transmission and ghosts are checked with them, else with a quarter wave of MgF2
+    #[arg(long, value_name = "COATINGS|FILE", value_parser = CoatingsArg::parse, default_value = "ideal")]
+    pub coatings: CoatingsArg,
     /// Wavelengths of the films in nm: 400:700:10 (both ends included) or 450,550
     #[arg(long, value_name = "NM", default_value = "400:700:10")]
     pub wavelengths: String,

@@ -6,7 +6,7 @@
 //! not use a GPU that has failed.
 
 use crate::args::engine::Engine;
-use crate::args::{Device, DeviceArgs, DeviceCommand, EngineArg};
+use crate::args::{CoatingsArg, Device, DeviceArgs, DeviceCommand, EngineArg};
 use crate::commands::validate::FilmMaker;
 use crate::device::driver;
 use crate::device::verdict::{Verdict, store, verdict};
@@ -91,6 +91,7 @@ fn check_one(info: &DeviceInfo, dir: &Path) -> Result<bool> {
     let film = |device: Device, stages: &[Stage]| {
         let maker = FilmMaker {
             lens: LENS.into(),
+            coatings: CoatingsArg::Ideal,
             dir: dir.to_path_buf(),
             full: false,
             bands: 3,

@@ -69,6 +69,7 @@ fn of_command(command: &Command) -> Result<Guard> {
         Command::Validate(args) => {
             let against =
                 args.against.iter().fold(guard.reads_lens(&args.lens), |g, lens| g.reads_lens(lens));
+            let against = against.reads_catalogues(&[], &args.coatings);
             let timed = args.timing.iter().fold(against, |guard, film| guard.reads("film", film));
             timed.writes_in("--out", &args.out, validate::FILES)
         }

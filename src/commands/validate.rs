@@ -98,7 +98,7 @@ pub fn command(args: &ValidateArgs) -> Result<u8> {
         ));
         bands.push(result);
     }
-    let results = Results { light: light::checks(&setup, &args.lens).context("checking light")?, bands };
+    let results = Results { light: light::checks(&setup, args).context("checking light")?, bands };
     setup.steps.clear();
     log_line(limits::summary(&results));
     let missed = limits::missed(&results, &args.require);

@@ -15,7 +15,7 @@ mod traced;
 mod tracing;
 mod tracing_job;
 
-use crate::args::{DEPTH_TOLERANCE, DepthArgs, TracingArgs};
+use crate::args::{CoatingsArg, DEPTH_TOLERANCE, DepthArgs, TracingArgs};
 use crate::design::{self, DesignFile};
 use crate::failure::usage;
 use crate::open;
@@ -77,6 +77,18 @@ impl UntracedLens {
             Self::Design(design) => Self::Design(Box::new(UntracedDesign { tracing: None, ..*design })),
             pack => pack,
         })
+    }
+
+    /// Opens a design with `coatings`, or a pack, whose tables have theirs.
+    ///
+    /// # Errors
+    /// It cannot be read; coatings that are not known or do not fit.
+    pub fn open_coated(name: &str, coatings: &CoatingsArg) -> Result<Self> {
+        if *coatings == CoatingsArg::Ideal || !design::is_design(name) {
+            return Self::open(name);
+        }
+        let tracing = TracingArgs { coatings: coatings.clone(), ..TracingArgs::default() };
+        Self::open_focused(name, &DepthArgs::default(), &tracing)
     }
 
     /// Opens a design with the gaps and the focus of `given`, to be traced as `tracing` says, or a pack.

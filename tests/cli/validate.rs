@@ -98,20 +98,31 @@ fn light_checks(summary: &Value) -> Vec<(String, f64)> {
 fn light_of_a_design_is_checked_with_its_transmission_and_ghosts() {
     let dir = tempfile::tempdir().unwrap();
     let out = dir.path().join("report");
-    let flags =
-        ["validate", "--wavelengths", "550", "--film-size", "4096", "--threads", "2", "--out", text(&out)];
-    let met = lenscube(&[&flags[..], &["--require", "light=1"]].concat());
-    assert_eq!(met.code, 0, "{}", met.stderr);
-    let checks = light_checks(&json(&out.join("summary.json")));
-    let (names, of_limit): (Vec<String>, Vec<f64>) = checks.into_iter().unzip();
-    assert_eq!(names.len(), 10, "{names:?}");
-    assert!(names[4].starts_with("transmission with MgF2 at 587.6 nm"), "{names:?}");
-    assert!(names[5..].iter().all(|name| name.starts_with("ghost ")), "{names:?}");
-    // Within the limits, and not for want of a difference.
-    assert!(
-        of_limit.iter().all(|v| *v <= 1.0) && of_limit.iter().filter(|v| **v > 0.0).count() > 5,
-        "{of_limit:?}"
-    );
+    for (coatings, with) in [(&[][..], "MgF2"), (&["--coatings", "none"], "--coatings none")] {
+        let flags = [
+            "validate",
+            "--wavelengths",
+            "550",
+            "--film-size",
+            "4096",
+            "--threads",
+            "2",
+            "--out",
+            text(&out),
+        ];
+        let met = lenscube(&[&flags[..], coatings, &["--require", "light=1,ri=0.9999"]].concat());
+        assert_eq!(met.code, 0, "{}", met.stderr);
+        let checks = light_checks(&json(&out.join("summary.json")));
+        let (names, of_limit): (Vec<String>, Vec<f64>) = checks.into_iter().unzip();
+        assert_eq!(names.len(), 10, "{names:?}");
+        assert!(names[4].starts_with(&format!("transmission with {with} at 587.6 nm")), "{names:?}");
+        assert!(names[5..].iter().all(|name| name.starts_with("ghost ")), "{names:?}");
+        // Within the limits, and not for want of a difference.
+        assert!(
+            of_limit.iter().all(|v| *v <= 1.0) && of_limit.iter().filter(|v| **v > 0.0).count() > 5,
+            "{of_limit:?}"
+        );
+    }
     let report = fs::read_to_string(out.join("report.html")).unwrap();
     assert!(report.contains("<h2>Light</h2>") && report.contains("energy of the scatter of a lamp"));
 }
@@ -120,8 +131,9 @@ fn light_of_a_design_is_checked_with_its_transmission_and_ghosts() {
 fn invalid_validate_flags_exit_2_with_one_line() {
     let dir = tempfile::tempdir().unwrap();
     let out = dir.path().join("report");
-    let cases: [(&[&str], &str); 4] = [
+    let cases: [(&[&str], &str); 5] = [
         (&["--require", "psf=1"], "ri=IOU"),
+        (&["--lens", "double-gauss-28-npz", "--coatings", "mgf2"], "--coatings is for designs"),
         (&["--bands", "7", "--wavelengths", "550"], "--bands 7"),
         (&["--lens", "no-such-lens"], "no-such-lens"),
         (&["--against", "double-gauss-28-npz", "--wavelengths", "555"], "no band at 555 nm to compare with"),

@@ -1,6 +1,6 @@
 //! Simulated films: each made by the code of `lenscube run`, read back and removed.
 
-use crate::args::{Device, EngineArg, ProgressArg, RunArgs, VeilArgs};
+use crate::args::{CoatingsArg, Device, EngineArg, ProgressArg, RunArgs, TracingArgs, VeilArgs};
 use crate::commands::run;
 use crate::failure::{Coded, usage};
 use crate::progress::as_step;
@@ -17,6 +17,8 @@ use std::path::{Path, PathBuf};
 pub struct FilmMaker {
     /// Name or path of the lens.
     pub lens: String,
+    /// Coatings of a design.
+    pub coatings: CoatingsArg,
     /// Directory of the temporary films.
     pub dir: PathBuf,
     /// Complete films instead of regions.
@@ -105,6 +107,7 @@ impl FilmMaker {
     ) -> Result<()> {
         let job = RunArgs {
             lens: self.lens.clone(),
+            tracing: TracingArgs { coatings: self.coatings.clone(), ..TracingArgs::default() },
             stages: stages.to_vec(),
             bands: band.map(|band| format!("#{band}")),
             roi: rects.to_vec(),

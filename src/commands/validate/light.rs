@@ -8,11 +8,11 @@
 //! uniform field, glare and scatter        unchanged
 //! energy of a lamp's scatter              sum of the layer = a · light of the chart
 //! ```
-//! Of a design, with a quarter wave of MgF2: its transmission by 25 x 33 rays of the pupil, and the five largest ghosts from the axis as integrals over
+//! Of a design, with the coatings that are given, else with a quarter wave of MgF2: its transmission by 25 x 33 rays of the pupil, and the five largest ghosts from the axis as integrals over
 //! 4000 radii of the first surface, where the program has 63 rays and windows of the open part.
 
 use super::setup::Setup;
-use crate::args::{ScatterAmount, ScatterArg, VeilArgs};
+use crate::args::{CoatingsArg, ScatterAmount, ScatterArg, ValidateArgs, VeilArgs};
 use crate::job::lens::UntracedLens;
 use crate::open;
 use crate::progress::number;
@@ -83,12 +83,17 @@ pub fn worst(checks: &[Check]) -> Option<&Check> {
 ///
 /// # Errors
 /// A film cannot be made; rays of the design cannot be traced.
-pub fn checks(setup: &Setup, lens: &str) -> Result<Vec<Check>> {
+pub fn checks(setup: &Setup, args: &ValidateArgs) -> Result<Vec<Check>> {
     let mut all = vec![glare(setup)?, scatter(setup)?, uniform(setup)?, energy(setup)?];
-    if let UntracedLens::Design(design) = UntracedLens::open(lens)? {
-        let coatings = Coatings { default: mgf2(None), surfaces: Vec::new() };
-        let coated = design.system.with_coatings(&coatings)?;
-        all.extend(of_design(&coated, setup.corner_mm())?);
+    if let UntracedLens::Design(design) = UntracedLens::open_coated(&args.lens, &args.coatings)? {
+        let (coated, name) = match &args.coatings {
+            CoatingsArg::Ideal => {
+                let coatings = Coatings { default: mgf2(None), surfaces: Vec::new() };
+                (design.system.with_coatings(&coatings)?, "MgF2".to_owned())
+            }
+            given => (design.system, format!("--coatings {given}")),
+        };
+        all.extend(of_design(&coated, &name, setup.corner_mm())?);
     }
     Ok(all)
 }
@@ -175,8 +180,8 @@ fn energy(setup: &Setup) -> Result<Check> {
     Ok(Check::new("energy of the scatter of a lamp", film.layer_sum, share * light, 1e-4))
 }
 
-/// Transmission and ghosts of a design with coatings, for a film to `corner_mm`.
-fn of_design(system: &System, corner_mm: f64) -> Result<Vec<Check>> {
+/// Transmission and ghosts of a design with coatings that are called `coatings`, for a film to `corner_mm`.
+fn of_design(system: &System, coatings: &str, corner_mm: f64) -> Result<Vec<Check>> {
     let um = system.primary_um();
     let tracer = Tracer::new(system, um)?;
     let flux = |tracer: &Tracer<'_>| -> Result<f64, DesignError> {
@@ -184,7 +189,7 @@ fn of_design(system: &System, corner_mm: f64) -> Result<Vec<Check>> {
     };
     let expected = flux(&tracer)? / flux(&tracer.without_losses())?;
     let nm = um * 1e3;
-    let name = format!("transmission with MgF2 at {} nm", number(nm));
+    let name = format!("transmission with {coatings} at {} nm", number(nm));
     let mut all = vec![Check::new(name, axial_transmission(system, um)?, expected, 1e-4)];
     let options = GhostOptions { corner_mm, rings: 64, film_reflectance: Reflectance::default() };
     let table = ghost_table(system, nm, &options)?;
@@ -195,7 +200,7 @@ fn of_design(system: &System, corner_mm: f64) -> Result<Vec<Check>> {
     let lit = table.paths.iter().filter(|path| path.axis.share > 0.0);
     for path in lit.take(GHOSTS) {
         let GhostPath { first, second } = path.path;
-        let name = format!("ghost {}-{} with MgF2, share on the axis", first + 1, second + 1);
+        let name = format!("ghost {}-{} with {coatings}, share on the axis", first + 1, second + 1);
         let expected = integral(&lens, path.path, &light, BEYOND * apertures.clear_mm[0]) / axial;
         all.push(Check::new(name, path.axis.share, expected, 0.02));
     }

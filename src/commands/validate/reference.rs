@@ -4,6 +4,7 @@
 //! A design is traced at the requested field point: chief ray, light per film area, Huygens PSF. A pack is interpolated
 //! linearly in its tables, and its PSFs linearly between the two neighbouring heights, as the model prescribes.
 
+use crate::args::CoatingsArg;
 use crate::failure::usage;
 use crate::job::lens::UntracedLens;
 use anyhow::Result;
@@ -67,9 +68,9 @@ impl Default for Beyond {
 }
 
 impl ReferenceLens {
-    /// Opens a pack or a design.
-    pub fn open(name: &str) -> Result<Self> {
-        Ok(match UntracedLens::open(name)? {
+    /// Opens a pack, or a design with `coatings`.
+    pub fn open(name: &str, coatings: &CoatingsArg) -> Result<Self> {
+        Ok(match UntracedLens::open_coated(name, coatings)? {
             UntracedLens::Pack(pack) => Self::Pack(pack),
             UntracedLens::Design(design) => Self::Design(Box::new(design.system)),
         })

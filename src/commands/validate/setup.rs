@@ -4,7 +4,9 @@ use super::edge_places::{angles, places};
 use super::film_maker::{FilmMaker, RegionPixels, VeiledFilm};
 use super::progress::Steps;
 use super::reference::{ReferenceBand, ReferenceLens};
-use crate::args::{ValidateArgs, VeilArgs};
+use crate::args::{CoatingsArg, ValidateArgs, VeilArgs};
+use crate::design;
+use crate::failure::usage;
 use crate::job::default_options;
 use crate::job::lens::{JobLens, UntracedLens};
 use crate::machine::threads;
@@ -62,7 +64,13 @@ impl Setup {
             && is_of_paper(against)
             && (size, args.film_pitch_um) == PAPER_FILM
             && wavelengths_nm == pipeline::wavelengths::parse(PAPER_BANDS).unwrap_or_default();
-        let reference = ReferenceLens::open(args.against.as_ref().unwrap_or(&args.lens))?;
+        let is_coated = args.coatings != CoatingsArg::Ideal;
+        if is_coated && ![&args.lens, against].into_iter().any(|name| design::is_design(name)) {
+            return Err(usage(format!(
+                "--coatings is for designs; {against} is a lens pack, whose tables have their coating"
+            )));
+        }
+        let reference = ReferenceLens::open(against, &args.coatings)?;
         // A missing band is reported before any film is simulated.
         for &nm in &wavelengths_nm {
             reference.band(nm)?;
@@ -71,8 +79,13 @@ impl Setup {
         let film = Size::new(size, size);
         let frame = Frame::centred(film, film, args.film_pitch_um);
         let options = default_options();
-        let source =
-            JobLens::new(UntracedLens::open(&args.lens)?, &frame, &wavelengths_nm, &options, threads, None)?;
+        let lens = UntracedLens::open_coated(&args.lens, &args.coatings)?;
+        // Films have these coatings where their lens is a design.
+        let coatings = match lens {
+            UntracedLens::Design(_) => args.coatings.clone(),
+            UntracedLens::Pack(_) => CoatingsArg::Ideal,
+        };
+        let source = JobLens::new(lens, &frame, &wavelengths_nm, &options, threads, None)?;
         let sample = source.lens().psf_sample;
         let window = |&nm: &f64| -> Result<usize> {
             let band = source.lens().bands.iter().find(|b| (b.wavelength_nm - nm).abs() < 1e-6);
@@ -90,6 +103,7 @@ impl Setup {
         sweep_entries(&args.out)?;
         let film_maker = FilmMaker {
             lens: args.lens.clone(),
+            coatings,
             dir: args.out.clone(),
             full: args.full,
             bands: wavelengths_nm.len(),
