@@ -26,5 +26,7 @@ fn worker(plan: &Path, unit: &str) -> Command {
 
 fn plan(job: &TestJob, name: &str, flags: &[&str]) -> CommandResult {
     let path = job.at(name);
-    CommandResult::new(&job.plan(&job.film, flags).args(["-o", text(&path)]).output().unwrap())
+    CommandResult::new(
+        &job.plan(&job.film, flags).args(["--units", "1", "-o", text(&path)]).output().unwrap(),
+    )
 }
