@@ -5,7 +5,7 @@
 
 use super::{UntracedDesign, UntracedLens};
 use crate::args::{RunArgs, TracingArgs};
-use pipeline::design::trace::{NODES_VERSION, TAILS_VERSION, TRACER_VERSION};
+use pipeline::design::trace::{NODES_VERSION, TAILS_VERSION, TRACER_VERSION, TraceOptions};
 use serde_json::{Map, Value, json};
 
 /// The flags of designs in `args`, as text.
@@ -38,19 +38,25 @@ impl UntracedLens {
             "program": env!("CARGO_PKG_VERSION"),
             "tracer": [TRACER_VERSION, NODES_VERSION, TAILS_VERSION],
             "prescription": blake3::hash(system.identity().as_bytes()).to_hex().to_string(),
-            "energy": args.tracing.energy,
+            "energy": args.tracing.energy.unwrap_or(default_energy()),
             "max_window_px": args.tracing.max_window_px,
             "flags": flags(args),
         }))
     }
 }
 
+/// Share of the light in PSF windows without `--energy`.
+fn default_energy() -> f64 {
+    TraceOptions::new(Vec::new(), 0.0).energy
+}
+
 /// Why the lens that a film records is not the one that is requested; `None` where it is, or where that is not known.
 pub fn difference(recorded: &Value, requested: &Value) -> Option<String> {
     let same = |key: &str| recorded.get(key) == requested.get(key);
-    if !(same("program") && same("tracer"))
-        || ["prescription", "energy", "max_window_px"].into_iter().all(same)
-    {
+    // The largest window that is not given may be the one that is.
+    let is_open = [recorded, requested].into_iter().any(|of| of["max_window_px"].is_null());
+    let same_lens = same("prescription") && same("energy") && (is_open || same("max_window_px"));
+    if !(same("program") && same("tracer")) || same_lens {
         return None;
     }
     let empty = Map::new();
@@ -65,4 +71,36 @@ pub fn difference(recorded: &Value, requested: &Value) -> Option<String> {
         true => "--lens (another prescription)".into(),
         false => list.join(", "),
     })
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn flags_that_make_the_same_lens_are_no_difference() {
+        let of = |prescription: &str, energy: f64, window: Option<usize>, focus: &str| {
+            json!({
+                "program": "1", "tracer": [1, 2, 3], "prescription": prescription, "energy": energy, "max_window_px": window,
+                "flags": {"--focus-m": focus, "--energy": energy.to_string()},
+            })
+        };
+        let film = of("a", default_energy(), None, "nothing");
+        assert_eq!(difference(&film, &film), None);
+        assert_eq!(difference(&film, &of("a", 0.99, Some(401), "inf")), None);
+        let focused = difference(&film, &of("b", 0.99, None, "2"));
+        assert_eq!(focused.unwrap(), "--focus-m (film nothing, requested 2)");
+        assert_eq!(
+            difference(&film, &of("a", 0.95, None, "nothing")).unwrap(),
+            "--energy (film 0.99, requested 0.95)"
+        );
+        assert_eq!(
+            difference(&film, &of("b", 0.99, None, "nothing")).unwrap(),
+            "--lens (another prescription)"
+        );
+        // Of another version of the tracer nothing is known.
+        let mut other = of("b", 0.99, None, "2");
+        other["tracer"] = json!([2, 2, 3]);
+        assert_eq!(difference(&film, &other), None);
+    }
 }
