@@ -34,7 +34,7 @@ const LINES: &[&str] = &[
     "compare first second --out=out | out",
     "plan chart film --lens=lens --glass-catalog=glass_catalog --depth=depth --hidden=hidden --output=output --lens-pack=lens_pack --coatings=coatings.toml --sensor-reflectance=sensor_reflectance.csv | film output lens_pack",
     "export film out.npy | out.npy",
-    "validate --lens=lens --against=against --timing=timing --out=out | out",
+    "validate --lens=lens --against=against --timing=timing --coatings=coatings.toml --out=out | out",
     "measure film --points=1,1 --csv=csv --json=json | csv json",
     "measure film --profile=1,1,5,5 --plot=plot.png | plot.png",
     "measure film --flare=9,9,3 --map=map.png | map.png",
