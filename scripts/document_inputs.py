@@ -137,7 +137,7 @@ cube = xarray.open_zarr("edge-cube.zarr", consolidated=False).chart.load()
 # What the commands of a page need before they begin; they make all else themselves.
 PAGES = {
     "README.md": ["cube.zarr", "cube.npy", "MY.zmx", "chart.zarr", "scene.zarr"],
-    "camera.md": ["chart.zarr", "film.zarr", "lens-a.zarr", "lens-b.zarr", "lens-a.raw.zarr", "lens-b.raw.zarr"],
+    "camera.md": ["chart.zarr", "photo.png", "film.zarr", "lens-a.zarr", "lens-b.zarr", "lens-a.raw.zarr", "lens-b.raw.zarr"],
     "charts.md": ["cube.zarr", "cube.hdr", "cube.mat", "cave", "cube.tif", "cube.npy", "cube.raw", "photo.png"],
     "clusters.md": ["chart.zarr"],
     "depth.md": ["scene.zarr", "MY.zmx", "render.exr", "depth.npy", "behind.zarr"],
