@@ -148,17 +148,12 @@ fn range(item: &str, list: &str) -> Result<Vec<f64>, WavelengthError> {
     let count = rounded as usize;
     // To 1e-9 nm: 400.2, not 400.20000000000005.
     let at = |i: usize| ((first + i as f64 * step) * 1e9).round() / 1e9;
-    Ok((0..=count)
-        .map(|i| {
-            if i == 0 {
-                first
-            } else if i == count {
-                last
-            } else {
-                at(i)
-            }
-        })
-        .collect())
+    let of = |i: usize| match i {
+        0 => first,
+        _ if i == count => last,
+        _ => at(i),
+    };
+    Ok((0..=count).map(of).collect())
 }
 
 #[cfg(test)]

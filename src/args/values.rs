@@ -24,12 +24,17 @@ pub(super) fn share(text: &str) -> Result<f64, String> {
     })
 }
 
+/// A number, or one in percent: `10%` is 0.1.
+pub(super) fn percent_or_number(text: &str) -> Result<f64, String> {
+    match text.trim().strip_suffix('%') {
+        Some(percent) => Ok(number(percent)? / 100.0),
+        None => number(text),
+    }
+}
+
 /// A share from 0 to 1, as `10%` or `0.1`.
 pub(super) fn percent_or_share(text: &str) -> Result<f64, String> {
-    let share = match text.trim().strip_suffix('%') {
-        Some(percent) => number(percent)? / 100.0,
-        None => number(text)?,
-    };
+    let share = percent_or_number(text)?;
     match (0.0..=1.0).contains(&share) {
         true => Ok(share),
         false => Err(format!("{text} is not a share from 0 to 1 (100%)")),

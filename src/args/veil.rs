@@ -1,7 +1,7 @@
 //! Scatter and veiling glare: flags of a job.
 
 use super::ghosts::GhostArgs;
-use super::values::{bounded, number};
+use super::values::{bounded, number, percent_or_number};
 use clap::Args;
 use pipeline::bounds::{Bound, ROUGHNESS_NM, SCATTER_REACH_MM, SCATTER_SHOULDER_UM, SCATTER_SLOPE};
 use std::fmt;
@@ -138,10 +138,7 @@ impl VeilArgs {
 
 /// A share of the light: `1%` or `0.01`.
 fn light_share(text: &str) -> Result<f64, String> {
-    let share = match text.trim().strip_suffix('%') {
-        Some(percent) => number(percent)? / 100.0,
-        None => number(text)?,
-    };
+    let share = percent_or_number(text)?;
     match (0.0..MAX_SHARE).contains(&share) {
         true => Ok(share),
         false => Err(format!("{text} is not a share of the light from 0 to below {}%", 100.0 * MAX_SHARE)),

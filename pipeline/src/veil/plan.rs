@@ -39,7 +39,7 @@ pub enum VeilError {
         /// Film size.
         film: Size,
     },
-    /// A film without room for any reach.
+    /// A film too small for any reach.
     #[error(
         "scatter needs a film of at least {least_px} px, {LEAST_SIDE_BINS} bins of {bin_px} film pixels; the film has {film} px: make it larger, or its bins smaller (8 px at least)"
     )]
@@ -227,20 +227,19 @@ impl VeilMaker {
         let stages = options.stages;
         let (distortion, illumination) = (stages.has(Stage::Distortion), stages.has(Stage::Ri));
         let field = Field::new(band, frame.pitch_mm(), distortion, illumination, gain);
-        let (bins, size) = ((self.plan.grid.bin_px, self.plan.light_margin), self.plan.light_size());
-        let chart = ExtendedChart::new(reduced, options.interpolation.surround);
-        let light = light_of_bins(frame, &field, &chart, bins, size, threads);
+        let (grid, surround) = (&self.plan.grid, options.interpolation.surround);
         let glare = match shares.glare > 0.0 {
-            true => {
-                shares.glare
-                    * mean_over_film(frame, &field, (reduced, options.interpolation.surround), bins.0)
-            }
+            true => shares.glare * mean_over_film(frame, &field, (reduced, surround), grid.bin_px),
             false => 0.0,
         };
-        let stored = self.plan.grid.size();
         let scattered = match (self.plan.scatter, shares.scatter > 0.0) {
-            (Some(kernel), true) => self.convolved(&kernel, &light),
-            _ => vec![0.0; stored.pixels()],
+            (Some(kernel), true) => {
+                let (chart, bins) =
+                    (ExtendedChart::new(reduced, surround), (grid.bin_px, self.plan.light_margin));
+                let light = light_of_bins(frame, &field, &chart, bins, self.plan.light_size(), threads);
+                self.convolved(&kernel, &light)
+            }
+            _ => vec![0.0; grid.size().pixels()],
         };
         let spread = scattered.iter().map(|scattered| shares.scatter * scattered + glare);
         match ghosts {

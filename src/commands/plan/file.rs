@@ -196,10 +196,10 @@ impl Plan {
             let places = (*first..*end).flat_map(|row| (0..columns).map(move |col| (row, col)));
             shards.extend(places.flat_map(|place| unit.bands.iter().map(move |&band| (index, band, place))));
         }
-        // In one call: remote stores are queried concurrently.
         let has_layers = || -> Result<bool> {
             unit.bands.iter().try_fold(true, |all, band| Ok(all && film.has_layers(*band)?))
         };
+        // Shards in one call: remote stores are queried concurrently.
         let done = film.shards_bytes(&shards)?.iter().all(Option::is_some) && has_layers()?;
         Ok((done, shards.len()))
     }
