@@ -259,7 +259,9 @@ fn dense_tables(
     let spline = Spline::mirrored(xs, heights, Parity::Odd);
     let even = Spline::mirrored(ri_xs, ri, Parity::Even);
     let mut image: Vec<f64> = at.iter().map(|&x| spline.at(x)).collect();
-    let mut illumination: Vec<f64> = at.iter().map(|&x| even.at(x)).collect();
+    // Where the listed values end at 0, the spline is 0 but for rounding, or below; negative listed values are refused with the lens.
+    let least = if ri.iter().all(|v| *v >= 0.0) { 0.0 } else { f64::NEG_INFINITY };
+    let mut illumination: Vec<f64> = at.iter().map(|&x| even.at(x).max(least)).collect();
     (image[0], illumination[0]) = (heights[0], ri[0]);
     let error = at
         .windows(2)

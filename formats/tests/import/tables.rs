@@ -33,6 +33,30 @@ fn example_directory_gives_the_documented_lens() {
     assert_eq!(given[0]["image_height_mm"][4], 9.79951);
 }
 
+/// Illumination that is listed as 0 at the end of the field: the spline through it is 0 there but for rounding.
+#[test]
+fn illumination_that_ends_at_zero_is_read() {
+    let directory = tempfile::tempdir().unwrap();
+    for file in std::fs::read_dir(data("../../data/tables-example")).unwrap() {
+        let file = file.unwrap().path();
+        std::fs::copy(&file, directory.path().join(file.file_name().unwrap())).unwrap();
+    }
+    let path = directory.path().join("heights.csv");
+    let mut lines: Vec<String> = std::fs::read_to_string(&path).unwrap().lines().map(str::to_owned).collect();
+    for k in 1..lines.len() {
+        if k + 1 == lines.len() || lines[k + 1][..3] != lines[k][..3] {
+            let cells: Vec<&str> = lines[k].split(',').collect();
+            lines[k] = [&cells[..3], &["0"]].concat().join(",");
+        }
+    }
+    std::fs::write(&path, lines.join("\n")).unwrap();
+    let (_keep, pack) = pack(directory.path(), &ImportOptions::default());
+    for band in &pack.lens().bands {
+        assert!(band.relative_illumination.iter().all(|ri| *ri >= 0.0));
+        assert!(band.relative_illumination.last().is_some_and(|ri| *ri < 1e-12));
+    }
+}
+
 fn npz() -> ImportOptions {
     ImportOptions {
         sample: Some(PsfSample::Integrated),
