@@ -86,7 +86,7 @@ pub fn layers(job: &Job, store: &FilmStore, position: usize) -> Result<Vec<Layer
 /// The store cannot be read.
 pub fn without_layers(job: &Job, store: Option<&FilmStore>) -> Result<Vec<bool>, GroupError> {
     match store {
-        Some(store) => job.film_bands.iter().map(|band| Ok(!store.has_layers(*band)?)).collect(),
+        Some(store) => job.film_bands.iter().map(|band| Ok(!store.has_layers(&[*band])?)).collect(),
         None => Ok(vec![!job.layers.is_empty(); job.film_bands.len()]),
     }
 }

@@ -171,12 +171,14 @@ impl FilmStore {
         }
     }
 
-    /// Whether all layers of `band` are stored.
+    /// Whether all layers of all `bands` are stored, asked for in one call: remote stores are queried concurrently.
     ///
     /// # Errors
     /// [`GroupError::Storage`] if the store cannot be read.
-    pub fn has_layers(&self, band: usize) -> Result<bool, GroupError> {
-        let keys: Vec<String> = (0..self.spec.layers.len()).map(|k| self.spec.layer_key(k, band)).collect();
+    pub fn has_layers(&self, bands: &[usize]) -> Result<bool, GroupError> {
+        let layers = 0..self.spec.layers.len();
+        let keys: Vec<String> =
+            layers.flat_map(|k| bands.iter().map(move |band| self.spec.layer_key(k, *band))).collect();
         Ok(self.group.store.sizes_of(&keys)?.iter().all(Option::is_some))
     }
 

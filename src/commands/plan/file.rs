@@ -196,11 +196,8 @@ impl Plan {
             let places = (*first..*end).flat_map(|row| (0..columns).map(move |col| (row, col)));
             shards.extend(places.flat_map(|place| unit.bands.iter().map(move |&band| (index, band, place))));
         }
-        let has_layers = || -> Result<bool> {
-            unit.bands.iter().try_fold(true, |all, band| Ok(all && film.has_layers(*band)?))
-        };
         // Shards in one call: remote stores are queried concurrently.
-        let done = film.shards_bytes(&shards)?.iter().all(Option::is_some) && has_layers()?;
+        let done = film.shards_bytes(&shards)?.iter().all(Option::is_some) && film.has_layers(&unit.bands)?;
         Ok((done, shards.len()))
     }
 
