@@ -24,7 +24,7 @@ pub mod tables;
 
 pub use figures::{
     cardinal, crossing, describe, field_curvature, field_figures, image_circle, light, paraxial_rays,
-    pattern_spot, roughness, seidel, spots, wavefront, zernike,
+    pattern_spot, pinhole, roughness, seidel, spots, wavefront, zernike,
 };
 pub use prescription::{
     absorption, coating, coatings, error, glass, glass_library, model_glass, shape, system,

@@ -10,6 +10,7 @@ pub mod image_circle;
 pub mod light;
 pub mod paraxial_rays;
 pub mod pattern_spot;
+pub mod pinhole;
 mod refocus;
 pub mod roughness;
 pub mod seidel;

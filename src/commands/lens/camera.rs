@@ -1,14 +1,6 @@
 //! `lenscube lens camera`: the pinhole camera whose picture is the chart of a film.
 //!
-//! The chart is what a pinhole at the centre of the entrance pupil (paraxial, primary wavelength) sees along the axis, on the ideal image plane:
-//!
-//! ```text
-//! x = f_D·tan(angle)                     f_D: distortion focal length of the film in focus, mm
-//! n = film + 2·overscan                  pixels of the chart, of the film's pitch p
-//! overscan = max(ideal − real)/p + m     over the film's border and the design's wavelengths: distortion; m: half a PSF window
-//! field of view = 2·atan(n·p/(2 f_D))
-//! ```
-//! m = 1.2 ρ + 12 px for a blur of radius ρ, as windows of depth nodes, else 64 px.
+//! [`Pinhole`] has the equations.
 //!
 //! Conventions of renderers: Blender's lens and sensor width have the ratio f_D : n·p, its Z pass is the distance along the axis. PBRT's fov is that of the
 //! picture's narrower side; its film `gbuffer` writes positions in the camera's frame, of which P.Z is the distance along the axis
@@ -19,94 +11,15 @@ use crate::args::{CameraArgs, Renderer};
 use crate::design;
 use crate::progress::print;
 use anyhow::{Context, Result};
-use pipeline::design::System;
-use pipeline::design::paraxial::Paraxial;
-use pipeline::design::ray::Tracer;
+use pipeline::design::pinhole::Pinhole;
 use pipeline::geometry::Size;
-use pipeline::real;
 use serde_json::json;
-
-/// Points on a side of the film at which distortion is looked for.
-const POINTS: usize = 17;
-/// Margin without distances of the scene, px.
-const MARGIN_PX: usize = 64;
-
-/// A pinhole camera.
-struct Pinhole {
-    /// Pinhole behind the first vertex, mm.
-    pupil_mm: f64,
-    /// Film from the pinhole, mm.
-    focal_mm: f64,
-    /// Pixels of the picture.
-    size: Size,
-    overscan_px: usize,
-    pitch_um: f64,
-    /// Blur radius per dioptre, µm.
-    blur_um: f64,
-}
-
-impl Pinhole {
-    fn new(args: &CameraArgs, system: &System) -> Result<Self> {
-        let first = Paraxial::new(system, system.primary_um())?;
-        let blur_um = first.entrance_radius_mm * first.distortion_focal_length_mm.abs();
-        let margin_px = match args.depths_m {
-            None => MARGIN_PX,
-            Some((far, near)) => {
-                let focus = args.focus_m.map_or_else(|| system.object_vergence(), |m| Ok(1.0 / m))?;
-                let blur = (far - focus).abs().max((near - focus).abs()) * blur_um / args.film_pitch_um;
-                (1.2 * blur + 12.0).ceil() as usize
-            }
-        };
-        let distortion_px = beyond_mm(system, args)? * 1e3 / args.film_pitch_um;
-        let overscan_px = margin_px + distortion_px.ceil() as usize;
-        let size = Size::new(args.film_size.height + 2 * overscan_px, args.film_size.width + 2 * overscan_px);
-        Ok(Self {
-            pupil_mm: first.entrance_pupil_mm,
-            focal_mm: first.distortion_focal_length_mm.abs(),
-            size,
-            overscan_px,
-            pitch_um: args.film_pitch_um,
-            blur_um,
-        })
-    }
-
-    /// Width or height of the picture on the ideal image plane, mm.
-    fn side_mm(&self, px: usize) -> f64 {
-        px as f64 * self.pitch_um * 1e-3
-    }
-
-    /// Angle between opposite sides `px` apart, degrees.
-    fn fov_deg(&self, px: usize) -> f64 {
-        (2.0 * real::atan2(self.side_mm(px) / 2.0, self.focal_mm)).to_degrees()
-    }
-}
-
-/// How far the ideal image plane under the film reaches beyond the film's sides, mm: barrel distortion.
-fn beyond_mm(system: &System, args: &CameraArgs) -> Result<f64> {
-    let half = |px: usize| px as f64 * args.film_pitch_um * 0.5e-3;
-    let (half_x, half_y) = (half(args.film_size.width), half(args.film_size.height));
-    let mut worst: f64 = 0.0;
-    for (um, _) in &system.wavelengths_um {
-        let tracer = Tracer::new(system, *um)?;
-        // Along the right side x is constant, along the upper one y; the others are mirror images.
-        for i in 0..POINTS {
-            let share = i as f64 / (POINTS - 1) as f64;
-            for (x, y, fixed) in [(half_x, share * half_y, half_x), (share * half_x, half_y, half_y)] {
-                let real_mm = real::hypot(x, y);
-                let tan = tracer.field_of_height(real_mm).with_context(|| {
-                    format!("the film's border at {real_mm:.3} mm from the axis; a smaller --film-size lies within the lens's field")
-                })?;
-                worst = worst.max(fixed * (tan * tracer.ideal_scale_mm().abs() / real_mm - 1.0));
-            }
-        }
-    }
-    Ok(worst)
-}
 
 /// Runs the command.
 pub fn command(args: &CameraArgs) -> Result<()> {
     let (system, _) = design::focused(&args.design, &args.parameters, args.focus_m)?;
-    let camera = Pinhole::new(args, &system).with_context(|| format!("camera of {}", args.design))?;
+    let camera = Pinhole::new(&system, args.film_size, args.film_pitch_um, args.depths_m)
+        .with_context(|| format!("camera of {}", args.design))?;
     print(match (args.renderer, args.json) {
         (Some(renderer), _) => renderer_text(renderer, &camera),
         (None, true) => serde_json::to_string_pretty(&json!({
