@@ -28,6 +28,8 @@
 //! remaps, applies the PSF and adds the contributions to film rows, in the same order; finished rows are downloaded once, and
 //! workers copy them to the shards.
 //!
+//! Before the film: [`scene`] makes chart, distances and coverages of a triangle mesh.
+//!
 //! After the film: [`sensor`] exposes a camera's sensor to it, [`develop`] makes a picture of the raw.
 //!
 //! Other modules: [`design`] makes the tables and PSFs of a lens from its prescription by ray tracing, in layers (prescription, rays, pupil,
@@ -106,6 +108,7 @@ pub mod reduced_chart;
 pub mod reflectance;
 pub mod remap;
 pub mod resample;
+pub mod scene;
 pub mod sensor;
 pub mod simd;
 pub mod stage;

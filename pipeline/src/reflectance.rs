@@ -70,13 +70,25 @@ pub struct Primaries {
 /// # Errors
 /// [`ReflectanceError`] if the bands cannot represent all colours within `max_error`.
 pub fn primaries(bands_nm: &[f64], light: Illuminant, max_error: f64) -> Result<Primaries, ReflectanceError> {
+    primaries_under(bands_nm, &|nm| light.relative_power(nm) / 100.0, light.name(), max_error)
+}
+
+/// As [`primaries`], under a light of relative `power` (about 1, as a function of nm) that messages call `light`.
+///
+/// # Errors
+/// [`ReflectanceError`] likewise.
+pub fn primaries_under(
+    bands_nm: &[f64],
+    power: &dyn Fn(f64) -> f64,
+    light: &'static str,
+    max_error: f64,
+) -> Result<Primaries, ReflectanceError> {
     let n = bands_nm.len();
     if n == 0 || n > MAX_BANDS {
         return Err(ReflectanceError::Bands { found: n });
     }
     let mut order: Vec<usize> = (0..n).collect();
     order.sort_by(|&a, &b| bands_nm[a].total_cmp(&bands_nm[b]));
-    let power = |nm: f64| light.relative_power(nm) / 100.0;
     let weights = colour::srgb_weights(bands_nm, power);
     let band_colours: Vec<[f64; 3]> =
         order.iter().map(|&b| weights[b].map(|w| w * power(bands_nm[b]))).collect();
@@ -94,7 +106,7 @@ pub fn primaries(bands_nm: &[f64], light: Illuminant, max_error: f64) -> Result<
     if found.error.is_nan() || found.error > max_error.max(EXACT) {
         return Err(ReflectanceError::Unreachable {
             bands_nm: bands_nm.to_vec(),
-            light: light.name(),
+            light,
             corner: found.corner,
             off: found.error,
             admitted: max_error,

@@ -1,0 +1,28 @@
+//! What visibility asks of materials: whether a hit exists, and what its samples show.
+
+/// A sample of a pixel that hits a triangle.
+#[derive(Clone, Copy)]
+pub struct SampleHit {
+    /// Number of the sample in its pixel.
+    pub sample: u32,
+    /// Direction (x, y, 1) in the camera frame.
+    pub x: f64,
+    /// Its y.
+    pub y: f64,
+    /// 1/z in 1/m.
+    pub vergence: f64,
+    /// Barycentric coordinates, 0…1.
+    pub barycentric: [f64; 3],
+}
+
+/// Materials as visibility sees them. Triangles are numbered in the order of the file.
+pub trait Shader: Sync {
+    /// Number of bases of the weights.
+    fn bases(&self) -> usize;
+    /// Whether every place of `triangle` exists (no alpha): [`Shader::exists`] is not asked then.
+    fn is_opaque(&self, triangle: u32) -> bool;
+    /// Whether the surface is there at the hit of a sample.
+    fn exists(&self, triangle: u32, hit: &SampleHit, samples: usize) -> bool;
+    /// Adds to `sums` (one per basis) the weights of the hits of one triangle in one sheet of one pixel, summed over the hits.
+    fn add_weights(&self, triangle: u32, hits: &[SampleHit], sums: &mut [f64]);
+}

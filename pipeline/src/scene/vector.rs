@@ -1,0 +1,22 @@
+//! Vectors of three components in f64.
+
+/// a·b.
+pub(super) fn dot(a: [f64; 3], b: [f64; 3]) -> f64 {
+    (a[0] * b[0] + a[1] * b[1]) + a[2] * b[2]
+}
+
+/// a × b; cross(b, a) is its exact negative.
+pub(super) fn cross(a: [f64; 3], b: [f64; 3]) -> [f64; 3] {
+    [a[1] * b[2] - a[2] * b[1], a[2] * b[0] - a[0] * b[2], a[0] * b[1] - a[1] * b[0]]
+}
+
+/// The vector times a factor.
+pub(super) fn scaled(v: [f64; 3], factor: f64) -> [f64; 3] {
+    v.map(|v| v * factor)
+}
+
+/// The unit vector; `None` for one without direction.
+pub(super) fn unit(v: [f64; 3]) -> Option<[f64; 3]> {
+    let length = dot(v, v).sqrt();
+    (length > 0.0 && length.is_finite()).then(|| v.map(|v| v / length))
+}
