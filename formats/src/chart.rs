@@ -7,6 +7,7 @@
 //! | HDF5, NetCDF-4, MATLAB 7.3 | module [`hdf5`] |
 //! | OpenEXR with spectral channels | [`exr::open`] |
 //! | grey PNG or TIFF per band; TIFF of several bands | module [`pictures`] |
+//! | scene ([`crate::scene`]): weights of spectra | [`SceneChart`] |
 //! | PNG, JPEG, WebP, TIFF, RGB OpenEXR | [`image::ImageFile`] |
 //!
 //! # Zarr stores
@@ -68,6 +69,7 @@ mod read;
 mod read_ahead;
 mod rechunk;
 mod samples_key;
+mod scene;
 mod store;
 mod temp_file;
 mod values;
@@ -88,6 +90,7 @@ pub use open::{lacks_array, split_array};
 pub use options::{ChartOptions, NanPolicy};
 pub use raster::RasterChart;
 pub use raster::layout::{Interleave, RasterLayout};
+pub use scene::SceneChart;
 pub use store::{ChartStore, ReadStats};
 pub use values::MAX_VALUE;
 pub use write::{

@@ -9,6 +9,8 @@
 //! | [`mod@import`] | tables and PSFs of lenses from other programs |
 //! | [`mod@export`] | films as OpenEXR, TIFF or flat files |
 //! | [`mod@raw`], [`mod@sensor`] | raws of a sensor; descriptions of sensors |
+//! | `mesh` | triangle meshes of glTF, OBJ and PLY files (feature `mesh`) |
+//! | [`mod@scene`] | scenes: weights of spectra, distances and coverages of the surfaces of a mesh |
 //! | [`mod@developed`], [`mod@dng`] | developed raws as PNG, TIFF, OpenEXR; raws as DNG |
 //! | [`mod@picture`] | pictures and plots for people |
 //! | [`mod@group`], [`mod@pyramid`] | what films and raws have in common: creation, locks, verification; smaller levels |
@@ -47,6 +49,8 @@ mod image;
 pub mod import;
 mod inflate;
 pub mod lens;
+#[cfg(feature = "mesh")]
+pub mod mesh;
 mod npy;
 mod object;
 pub mod parallel;
@@ -54,6 +58,7 @@ pub mod picture;
 pub mod pyramid;
 pub mod raw;
 mod sample;
+pub mod scene;
 pub mod sensor;
 mod shard;
 mod toml_error;

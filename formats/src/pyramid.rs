@@ -229,6 +229,7 @@ impl<'a> Pyramid<'a> {
         zarr_group(match self.group().kind {
             GroupKind::Film => json!({"schema": "lenscube/pyramid/1", "film_stamp": stamp}),
             GroupKind::Raw => json!({"schema": "lenscube/raw-pyramid/1", "raw_stamp": stamp}),
+            GroupKind::Scene => unreachable!("scenes have no pyramid"),
         })
     }
 

@@ -337,13 +337,20 @@ fn read(path: &Path, limit: u64) -> Result<Option<String>, SensorError> {
 /// # Errors
 /// [`SensorError`] of a file that cannot be read or is no such table.
 pub fn film_reflectance(path: &Path) -> Result<Curve, SensorError> {
+    table_at(path, "reflectance", Quantity::Share("reflectance"))
+}
+
+/// The relative power of a light in the CSV at `path`: columns `wavelength_nm`, ascending, and `power`, not negative.
+///
+/// # Errors
+/// As [`film_reflectance`].
+pub fn relative_power(path: &Path) -> Result<Curve, SensorError> {
+    table_at(path, "power", Quantity::Response)
+}
+
+fn table_at(path: &Path, column: &str, quantity: Quantity) -> Result<Curve, SensorError> {
     let missing = || SensorError::Table { path: path.into(), problem: "is not there".into() };
-    table::curve(
-        path,
-        &read(path, MAX_TABLE)?.ok_or_else(missing)?,
-        "reflectance",
-        Quantity::Share("reflectance"),
-    )
+    table::curve(path, &read(path, MAX_TABLE)?.ok_or_else(missing)?, column, quantity)
 }
 
 /// Replaces one field: `noise.prnu=0`.

@@ -9,8 +9,8 @@
 //!
 //! Samples are rounded to `keep_bits` bits of mantissa (`mantissa.rs`), if the layout has fewer than all; then their bits are shuffled,
 //! else their bytes.
-//! Inner chunks with at least one pixel of the image are always stored, even if all pixels equal the fill value NaN; inner chunks
-//! beyond the image's edge never are. Pixels of a stored inner chunk beyond the edge are NaN. Chunks are encoded one by one on the
+//! Inner chunks with at least one pixel of the image are always stored, even if all pixels equal the fill value NaN, but for arrays of scenes,
+//! which leave them out (`ShardEncoder::leaving_out`); inner chunks beyond the image's edge never are. Pixels of a stored inner chunk beyond the edge have the fill value. Chunks are encoded one by one on the
 //! calling thread, so the bytes of a shard depend on pixels, codec and `keep_bits` only.
 
 mod check;

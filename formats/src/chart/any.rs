@@ -22,6 +22,7 @@ use super::options::{ChartOptions, NanPolicy};
 use super::pictures;
 use super::raster::RasterChart;
 use super::raster::layout::RasterLayout;
+use super::scene::{self, SceneChart};
 use super::store::ChartStore;
 use crate::durable::is_url;
 use crate::npy::parse_dtype;
@@ -36,6 +37,8 @@ pub enum Chart {
     Decoded(Box<DecodedChart>),
     /// Generated on demand.
     Generated(Box<Generator>),
+    /// A surface of a scene.
+    Scene(Box<SceneChart>),
 }
 
 /// How a chart is read.
@@ -101,6 +104,17 @@ fn is_other_file(path: &Path) -> bool {
 
 /// The formats of files, in the order in which a name is compared with them; what none recognises is a Zarr store.
 static FORMATS: &[Format] = &[
+    Format {
+        name: "a scene",
+        is_one_file: false,
+        declares_axes: Some("a scene declares its order"),
+        holds_arrays: true,
+        detects: scene::is_scene,
+        open: |spec, request| {
+            let chart = SceneChart::open(spec, request.wavelengths_nm, request.scale, request.cache_bytes)?;
+            Ok(Chart::Scene(Box::new(chart)))
+        },
+    },
     Format {
         name: "spectral OpenEXR",
         is_one_file: true,

@@ -16,6 +16,7 @@ use super::node::{Node, open_array};
 use super::options::ChartOptions;
 use super::store::{ChartStore, Counters};
 use crate::durable::{Store, is_url};
+use crate::group::GroupKind;
 
 /// Size of the cache of shard indexes: two hundred thousand inner chunks, thousands of shards.
 const INDEX_CACHE_BYTES: usize = 4 << 20;
@@ -82,6 +83,7 @@ impl ChartStore {
             film_size,
             units,
             light,
+            leaves_out_chunks: group.get("schema").and_then(Value::as_str) == Some(GroupKind::Scene.schema()),
             cache: Cache::new(options.cache_bytes),
             indexes: Cache::new(INDEX_CACHE_BYTES),
             options,

@@ -29,7 +29,9 @@ impl Chart {
         let mut states = Vec::new();
         match self {
             Self::Store(store) if is_url(store.path()) => return Ok(None),
+            Self::Scene(scene) if is_url(scene.path()) => return Ok(None),
             Self::Store(store) => store.file_states(&mut states)?,
+            Self::Scene(scene) => scene.weights().file_states(&mut states)?,
             Self::Raster(raster) => states.extend(raster.files.iter().filter_map(WatchedFile::data_state)),
             Self::Decoded(decoded) => {
                 states.extend(decoded.files().iter().filter_map(WatchedFile::data_state))

@@ -56,6 +56,8 @@ pub struct ChartStore {
     /// Attributes of the array.
     pub(super) attributes: Map<String, Value>,
     pub(super) light: Option<String>,
+    /// Whether chunks of the fill value are left out on purpose: missing ones are not counted.
+    pub(super) leaves_out_chunks: bool,
     pub(super) cache: Cache<DecodedChunk>,
     /// Shard indexes; `None`: the shard is missing.
     pub(super) indexes: Cache<Option<Vec<u64>>>,
@@ -157,11 +159,12 @@ impl ChartStore {
     /// The work done so far.
     pub fn stats(&self) -> ReadStats {
         let c = &self.counters;
+        let missing = |c: &Counters| c.missing.lock().expect("no panic while counting").len() as u64;
         ReadStats {
             bytes_read: c.bytes_read.load(Relaxed),
             chunks_decoded: c.chunks_decoded.load(Relaxed),
             decode_ns: c.decode_ns.load(Relaxed),
-            missing_chunks: c.missing.lock().expect("no panic while counting").len() as u64,
+            missing_chunks: if self.leaves_out_chunks { 0 } else { missing(c) },
             nan_replaced: c.replaced.lock().expect("no panic while counting").values().sum(),
         }
     }

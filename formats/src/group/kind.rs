@@ -9,6 +9,8 @@ pub enum GroupKind {
     Film,
     /// The digital numbers of a sensor.
     Raw,
+    /// The surfaces of a mesh as the lens's pinhole sees them.
+    Scene,
 }
 
 impl GroupKind {
@@ -17,6 +19,7 @@ impl GroupKind {
         match self {
             Self::Film => "lenscube/film/1",
             Self::Raw => "lenscube/raw/1",
+            Self::Scene => "lenscube/scene/1",
         }
     }
 
@@ -25,6 +28,7 @@ impl GroupKind {
         match self {
             Self::Film => "run",
             Self::Raw => "sensor",
+            Self::Scene => "scene",
         }
     }
 }
@@ -34,6 +38,7 @@ impl fmt::Display for GroupKind {
         f.write_str(match self {
             Self::Film => "film",
             Self::Raw => "raw",
+            Self::Scene => "scene",
         })
     }
 }

@@ -1,8 +1,9 @@
-//! The files that belong to a film or raw: all that `--overwrite` may remove.
+//! The files that belong to a film, raw or scene: all that `--overwrite` may remove.
 //!
 //!   zarr.json                           the group
 //!   NAME/zarr.json, NAME/c/…            its arrays and coordinates
 //!   pyramid/…                           the same of its levels
+//!   hidden/1/…                          the same of a scene's hidden surfaces
 //!   runs/…                              records and locks of runs, marks of engines
 //!   .tmp-…                              temporary files, anywhere
 
@@ -27,6 +28,12 @@ pub(super) fn is_own(kind: GroupKind, arrays: &[String], key: &str) -> bool {
         }
         ["pyramid", name, "zarr.json"] => array(name),
         ["pyramid", name, level, ref rest @ ..] => array(name) && is_number(level) && in_array(rest),
+        ["hidden", "zarr.json"] => kind == GroupKind::Scene,
+        ["hidden", number, ref rest @ ..] if kind == GroupKind::Scene && is_number(number) => match rest {
+            ["zarr.json"] => true,
+            [name, rest @ ..] => array(name) && in_array(rest),
+            [] => false,
+        },
         [name, ref rest @ ..] => array(name) && in_array(rest),
         [] => false,
     }
@@ -42,6 +49,7 @@ fn is_array_name(kind: GroupKind, name: &str) -> bool {
             matches!(name, "film" | "invented" | "veil" | "veil_tail" | "wavelength" | "y" | "x")
         }
         GroupKind::Raw => matches!(name, "raw" | "signal" | "frame" | "exposure_s" | "y" | "x"),
+        GroupKind::Scene => matches!(name, "weights" | "depth" | "coverage" | "basis" | "y" | "x"),
     };
     own || invented || region(name) || coordinate.is_some_and(region)
 }
@@ -149,5 +157,26 @@ mod tests {
         ] {
             assert!(!is_own(GroupKind::Raw, &[], foreign), "{foreign}");
         }
+    }
+
+    #[test]
+    fn files_of_a_scene_are_distinguished_from_others() {
+        for own in [
+            "weights/c/2/0/1",
+            "depth/zarr.json",
+            "hidden/zarr.json",
+            "hidden/1/zarr.json",
+            "hidden/2/coverage/c/0/3",
+            "basis/c/0",
+            "runs/whole.lock",
+        ] {
+            assert!(is_own(GroupKind::Scene, &[], own), "{own}");
+        }
+        for foreign in
+            ["hidden/x/depth/c/0/0", "hidden/1/notes", "hidden/1/chart/c/0/0/0", "film/zarr.json", "hidden"]
+        {
+            assert!(!is_own(GroupKind::Scene, &[], foreign), "{foreign}");
+        }
+        assert!(!is_own(GroupKind::Film, &[], "hidden/1/depth/c/0/0"));
     }
 }

@@ -41,7 +41,7 @@ impl ShardEncoder {
             let entry = (i * columns + j) * 2;
             let inside = i * c < height && j * c < width;
             match (index[entry], index[entry + 1]) {
-                (u64::MAX, u64::MAX) if !inside => continue,
+                (u64::MAX, u64::MAX) if !inside || self.left_out.is_some() => continue,
                 (offset, length) if inside && offset == end && length <= data as u64 - end => end += length,
                 (offset, length) => {
                     let reason =

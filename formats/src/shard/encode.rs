@@ -42,6 +42,8 @@ pub(crate) struct ShardEncoder {
     pub(super) data_type: DataType,
     /// Side of an inner chunk, px.
     pub(super) chunk: usize,
+    /// Fill value of an array whose inner chunks are left out where all pixels equal it; `None`: all are stored.
+    pub(super) left_out: Option<f32>,
 }
 
 impl ShardEncoder {
@@ -87,7 +89,13 @@ impl ShardEncoder {
                 SampleType::U16 => data_type::uint16(),
             },
             chunk,
+            left_out: None,
         })
+    }
+
+    /// Leaves out inner chunks whose pixels all equal `fill`, the fill value of the array, and pads with it.
+    pub(crate) fn leaving_out(self, fill: f32) -> Self {
+        Self { left_out: Some(fill), ..self }
     }
 
     /// Inner chunks (rows, columns) of a shard of `shape` pixels.
@@ -114,7 +122,15 @@ impl ShardEncoder {
         size: (usize, usize),
         grid: (usize, usize),
     ) -> Result<Vec<u8>, ShardError> {
-        self.assemble(size, grid, |first, samples| self.gather(row, true, size, first, samples))
+        let c = self.chunk;
+        let is_stored = |(y, x): (usize, usize)| {
+            let (rows, columns) = (c.min(size.0 - y), c.min(size.1 - x));
+            let is_fill = |fill: f32| {
+                (y..y + rows).all(|y| row(y)[x..][..columns].iter().all(|v| v.to_bits() == fill.to_bits()))
+            };
+            !self.left_out.is_some_and(is_fill)
+        };
+        self.assemble(size, grid, is_stored, |first, samples| self.gather(row, true, size, first, samples))
     }
 
     /// As [`ShardEncoder::encode`], of any pixels.
@@ -126,7 +142,7 @@ impl ShardEncoder {
         grid: (usize, usize),
     ) -> Result<Vec<u8>, ShardError> {
         let row = |y: usize| &data[y * size.1..][..size.1];
-        self.assemble(size, grid, |first, samples| self.gather(&row, false, size, first, samples))
+        self.assemble(size, grid, |_| true, |first, samples| self.gather(&row, false, size, first, samples))
     }
 
     /// As [`ShardEncoder::encode`], of digital numbers.
@@ -138,7 +154,8 @@ impl ShardEncoder {
     ) -> Result<Vec<u8>, ShardError> {
         debug_assert_eq!(data.len(), height * width);
         let c = self.chunk;
-        self.assemble((height, width), grid, |(y, x), samples| {
+        let is_stored = |_| true;
+        self.assemble((height, width), grid, is_stored, |(y, x), samples| {
             let ChunkSamples::U16(out) = samples else {
                 return Err(ShardError::Codec("expected an array of f32, found digital numbers".into()));
             };
@@ -153,11 +170,12 @@ impl ShardEncoder {
         })
     }
 
-    /// Encodes a shard of `rows` × `columns` inner chunks, whose samples `gather` writes by their first pixel.
+    /// Encodes a shard of `rows` × `columns` inner chunks, of those that are stored, whose samples `gather` writes; both by the first pixel.
     fn assemble(
         &self,
         (height, width): (usize, usize),
         (rows, columns): (usize, usize),
+        is_stored: impl Fn((usize, usize)) -> bool,
         gather: impl Fn((usize, usize), &mut ChunkSamples) -> Result<(), ShardError>,
     ) -> Result<Vec<u8>, ShardError> {
         let c = self.chunk;
@@ -168,6 +186,9 @@ impl ShardEncoder {
         let mut index = vec![u64::MAX; rows * columns * 2];
         let mut samples = ChunkSamples::new(self.sample, c * c);
         for (i, j) in (0..height.div_ceil(c)).flat_map(|i| (0..width.div_ceil(c)).map(move |j| (i, j))) {
+            if !is_stored((i * c, j * c)) {
+                continue;
+            }
             gather((i * c, j * c), &mut samples)?;
             let start = shard.len();
             match &self.compressor {
@@ -204,7 +225,7 @@ impl ShardEncoder {
         [NonZeroU64::MIN, side, side]
     }
 
-    /// Samples of the inner chunk whose first pixel is (`y`, `x`), rounded, and padded with NaN; `check`: NaN and
+    /// Samples of the inner chunk whose first pixel is (`y`, `x`), rounded, and padded with the fill value; `check`: NaN and
     /// infinity are errors.
     fn gather<'a>(
         &self,
@@ -225,19 +246,19 @@ impl ShardEncoder {
                 return Err(ShardError::Codec("expected digital numbers, found f32".into()));
             }
             ChunkSamples::F32(out) => {
-                let nan = f32::NAN.to_le_bytes();
+                let fill = self.left_out.unwrap_or(f32::NAN).to_le_bytes();
                 out.clear();
                 for row in 0..h {
                     match self.rounding {
                         None => out.extend(line(row)?.iter().map(|v| v.to_le_bytes())),
                         Some(r) => out.extend(line(row)?.iter().map(|&v| r.round(v).to_le_bytes())),
                     }
-                    out.extend(repeat_n(nan, c - w));
+                    out.extend(repeat_n(fill, c - w));
                 }
-                out.extend(repeat_n(nan, (c - h) * c));
+                out.extend(repeat_n(fill, (c - h) * c));
             }
             ChunkSamples::F16(out) => {
-                let nan = half::f16::NAN.to_le_bytes();
+                let fill = self.left_out.map_or(half::f16::NAN, half::f16::from_f32).to_le_bytes();
                 out.clear();
                 for row in 0..h {
                     for (k, &value) in line(row)?.iter().enumerate() {
@@ -248,9 +269,9 @@ impl ShardEncoder {
                         }
                         out.push(v.to_le_bytes());
                     }
-                    out.extend(repeat_n(nan, c - w));
+                    out.extend(repeat_n(fill, c - w));
                 }
-                out.extend(repeat_n(nan, (c - h) * c));
+                out.extend(repeat_n(fill, (c - h) * c));
             }
         }
         Ok(())

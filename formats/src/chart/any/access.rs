@@ -23,6 +23,7 @@ impl Chart {
             Self::Raster(r) => r.as_ref(),
             Self::Decoded(p) => p.as_ref(),
             Self::Generated(g) => g.as_ref(),
+            Self::Scene(s) => s.as_ref(),
         }
     }
 
@@ -58,7 +59,7 @@ impl Chart {
             Self::Raster(raster) => raster.copy_bands(bands, directory, progress),
             Self::Store(store) => store.rechunk(bands, directory, threads, progress),
             Self::Decoded(chart) => chart.copy_bands(bands, directory, threads, progress),
-            Self::Generated(_) => Ok(()),
+            Self::Generated(_) | Self::Scene(_) => Ok(()),
         }
     }
 
@@ -77,6 +78,7 @@ impl Chart {
     pub fn chunk_size(&self) -> Size {
         match self {
             Self::Store(s) => Size::new(s.chunk_shape()[1], s.chunk_shape()[2]),
+            Self::Scene(s) => Size::new(s.weights().chunk_shape()[1], s.weights().chunk_shape()[2]),
             Self::Raster(_) | Self::Decoded(_) | Self::Generated(_) => Size::new(1, 1),
         }
     }
@@ -86,6 +88,7 @@ impl Chart {
         match self {
             Self::Store(s) => s.cache_for_rows(rows),
             Self::Generated(g) => g.useful_cache_bytes(),
+            Self::Scene(s) => s.bases() * s.weights().cache_for_rows(rows),
             Self::Raster(_) | Self::Decoded(_) => 0,
         }
     }
@@ -95,6 +98,7 @@ impl Chart {
         match self {
             Self::Store(s) => s.chunk_memory(bands),
             Self::Decoded(p) => p.chunk_memory(),
+            Self::Scene(s) => s.weights().chunk_memory(&s.all_bases()),
             Self::Raster(_) | Self::Generated(_) => ChunkMemory::default(),
         }
     }
@@ -104,6 +108,7 @@ impl Chart {
         match self {
             Self::Store(store) => store.set_cache_bytes(bytes),
             Self::Generated(generator) => generator.set_cache_bytes(bytes),
+            Self::Scene(scene) => scene.weights_mut().set_cache_bytes(bytes),
             Self::Raster(_) | Self::Decoded(_) => (),
         }
     }
@@ -115,6 +120,7 @@ impl Chart {
             Self::Raster(r) => r.bands(),
             Self::Decoded(p) => p.bands(),
             Self::Generated(g) => g.wavelengths_nm().len(),
+            Self::Scene(s) => s.wavelengths_nm().len(),
         }
     }
 
@@ -124,6 +130,7 @@ impl Chart {
             Self::Store(s) => s.sample().bytes(),
             Self::Raster(r) => r.sample().bytes(),
             Self::Decoded(p) => p.copied_sample().bytes(),
+            Self::Scene(s) => s.bases() * size_of::<f32>(),
             Self::Generated(_) => 0,
         }
     }
@@ -137,7 +144,7 @@ impl Chart {
             Self::Decoded(p) => {
                 p.identity().is_ok_and(|(content, _)| content["exr"]["channels"][0]["sample"] == "f16")
             }
-            Self::Generated(_) => false,
+            Self::Generated(_) | Self::Scene(_) => false,
         }
     }
 
@@ -149,6 +156,7 @@ impl Chart {
             Self::Store(s) => Some(s.stats()),
             Self::Raster(r) => Some(flat(r.stats())),
             Self::Decoded(p) => Some(flat(p.stats())),
+            Self::Scene(s) => Some(s.weights().stats()),
             Self::Generated(_) => None,
         }
     }
@@ -158,7 +166,7 @@ impl Chart {
         match self {
             Self::Raster(raster) => Some((raster.path(), raster.array()?)),
             Self::Decoded(decoded) => Some((decoded.path(), decoded.array()?)),
-            Self::Store(_) | Self::Generated(_) => None,
+            Self::Store(_) | Self::Generated(_) | Self::Scene(_) => None,
         }
     }
 
@@ -179,6 +187,7 @@ impl Chart {
     pub fn wavelengths_nm(&self) -> Result<Vec<f64>, ChartError> {
         match self {
             Self::Generated(g) => Ok(g.wavelengths_nm().to_vec()),
+            Self::Scene(s) => Ok(s.wavelengths_nm().to_vec()),
             Self::Raster(r) => {
                 r.wavelengths_nm().map(<[f64]>::to_vec).ok_or_else(|| no_wavelengths(r.path(), r.bands()))
             }
@@ -203,6 +212,7 @@ impl Chart {
             Self::Store(s) => s.pitch_um(),
             Self::Raster(_) | Self::Decoded(_) => None,
             Self::Generated(g) => Some(g.pitch_um()),
+            Self::Scene(s) => Some(s.pitch_um()),
         }
     }
 
@@ -212,6 +222,7 @@ impl Chart {
             Self::Store(s) => s.film_size(),
             Self::Raster(_) | Self::Decoded(_) => None,
             Self::Generated(g) => Some(g.film_size()),
+            Self::Scene(s) => s.film_size(),
         }
     }
 
@@ -222,6 +233,7 @@ impl Chart {
             Self::Raster(r) => r.units(),
             Self::Decoded(p) => p.units(),
             Self::Generated(g) => Some(g.units()),
+            Self::Scene(_) => Some(super::super::scene::UNITS),
         }
     }
 
@@ -230,6 +242,7 @@ impl Chart {
         match self {
             Self::Store(s) => s.light(),
             Self::Generated(g) => Some(g.spec().light().name().to_owned()),
+            Self::Scene(s) => Some(s.illuminant().to_owned()),
             Self::Raster(_) | Self::Decoded(_) => None,
         }
     }
@@ -240,6 +253,7 @@ impl Chart {
             Self::Store(s) => s.limit_values(max),
             Self::Raster(r) => r.limit_values(max),
             Self::Decoded(p) => p.limit_values(max),
+            Self::Scene(s) => s.limit_values(max),
             Self::Generated(g) => {
                 if let Kind::Uniform { value } = g.spec().kind
                     && value.abs() > f64::from(max)
@@ -267,6 +281,7 @@ impl Chart {
             }
             Self::Raster(r) => r.notes().to_vec(),
             Self::Decoded(p) => p.notes().to_vec(),
+            Self::Scene(s) => s.notes(),
             Self::Generated(_) => Vec::new(),
         }
     }
@@ -282,7 +297,7 @@ impl Chart {
             Self::Store(s) => s.scaling().is_some(),
             Self::Raster(r) => r.is_scaled(),
             Self::Decoded(p) => p.is_scaled(),
-            Self::Generated(_) => false,
+            Self::Generated(_) | Self::Scene(_) => false,
         }
     }
 
@@ -292,7 +307,7 @@ impl Chart {
             Self::Store(s) => RasterSample::Plain(s.sample()).is_integer(),
             Self::Raster(r) => r.sample().is_integer(),
             Self::Decoded(p) => p.sample().is_integer(),
-            Self::Generated(_) => false,
+            Self::Generated(_) | Self::Scene(_) => false,
         }
     }
 
@@ -308,6 +323,10 @@ impl Chart {
             }
             Self::Raster(r) => json!(r.content_digest()?),
             Self::Decoded(p) => json!(p.content_digest()?),
+            Self::Scene(s) => {
+                check_has_files(s.path())?;
+                json!(s.weights().content_digest()?)
+            }
             Self::Generated(_) => Value::Null,
         })
     }
@@ -321,6 +340,7 @@ impl Chart {
             }
             Self::Raster(r) => r.identity()?,
             Self::Decoded(p) => p.identity()?,
+            Self::Scene(s) => s.identity()?,
             Self::Generated(g) => (json!({ "drawn": g.spec().to_string() }), Value::Null),
         })
     }

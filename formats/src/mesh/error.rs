@@ -1,0 +1,113 @@
+//! Errors of reading a mesh: the file, the place in it, what was expected and found, and the way out.
+
+use std::path::PathBuf;
+
+/// A mesh cannot be read.
+#[derive(Debug, thiserror::Error)]
+#[non_exhaustive]
+pub enum MeshError {
+    /// Error of the operating system.
+    #[error("reading mesh {path}: cannot {action}: {source}")]
+    Io {
+        /// The file.
+        path: PathBuf,
+        /// The operation, a verb.
+        action: &'static str,
+        /// Its cause.
+        source: std::io::Error,
+    },
+    /// Content that the format does not allow.
+    #[error("reading mesh {path}, {place}: expected {expected}, found {found}")]
+    Invalid {
+        /// The file.
+        path: PathBuf,
+        /// Object and property, or line and column.
+        place: String,
+        /// What is expected there.
+        expected: String,
+        /// What is there.
+        found: String,
+    },
+    /// Valid content that is not read.
+    #[error("reading mesh {path}, {place}: {found} is not supported; {way_out}")]
+    Unsupported {
+        /// The file.
+        path: PathBuf,
+        /// Object or property.
+        place: String,
+        /// What is not supported.
+        found: String,
+        /// What to do, an imperative.
+        way_out: String,
+    },
+    /// An extension without which the file cannot be read.
+    #[error("reading mesh {path}: it requires the extension {name}, which is not supported; {way_out}")]
+    Extension {
+        /// The file.
+        path: PathBuf,
+        /// The extension, in quotation marks.
+        name: String,
+        /// What to do, an imperative.
+        way_out: &'static str,
+    },
+    /// A name of another file that is refused.
+    #[error("reading mesh {path}, {place}: {uri} is refused: {reason}; {way_out}")]
+    Refused {
+        /// The file.
+        path: PathBuf,
+        /// Object that names it.
+        place: String,
+        /// The name, in quotation marks.
+        uri: String,
+        /// Why.
+        reason: &'static str,
+        /// What to do, an imperative.
+        way_out: &'static str,
+    },
+    /// A file of the mesh that is not there.
+    #[error("reading mesh {path}, {place}: {file} is not there; {way_out}", file = file.display())]
+    Missing {
+        /// The mesh.
+        path: PathBuf,
+        /// Object that names it.
+        place: String,
+        /// The missing file.
+        file: PathBuf,
+        /// What to do, an imperative.
+        way_out: &'static str,
+    },
+    /// A picture that does not decode.
+    #[error(
+        "reading mesh {path}, {place}: the picture is damaged or truncated: {reason}; restore it from its source, or write it again"
+    )]
+    Picture {
+        /// The mesh, or the picture's own file.
+        path: PathBuf,
+        /// The picture.
+        place: String,
+        /// The defect.
+        reason: String,
+    },
+    /// More memory than allowed.
+    #[error(
+        "reading mesh {path}, {place}: it takes {needed} bytes of memory, allowed are {allowed}; give more with --memory"
+    )]
+    Memory {
+        /// The file.
+        path: PathBuf,
+        /// What takes them.
+        place: String,
+        /// Bytes needed, with those in use.
+        needed: u64,
+        /// Bytes allowed.
+        allowed: u64,
+    },
+    /// A mesh without a triangle.
+    #[error("reading mesh {path}: no triangles: found {found}")]
+    Empty {
+        /// The file.
+        path: PathBuf,
+        /// What it holds.
+        found: String,
+    },
+}

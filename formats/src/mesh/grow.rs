@@ -1,0 +1,69 @@
+//! Lists whose memory is counted before it is allocated.
+
+use super::context::Context;
+use super::error::MeshError;
+
+/// Counts a list of `count` items of type `T` that is about to be allocated.
+///
+/// # Errors
+/// [`MeshError::Memory`]; `what` names the items.
+pub(super) fn charge_items<T>(context: &Context<'_>, what: &str, count: u64) -> Result<(), MeshError> {
+    context.charge(count.saturating_mul(size_of::<T>() as u64), || what.into())
+}
+
+/// An empty list with capacity for `count` items.
+///
+/// # Errors
+/// [`MeshError::Memory`]; `what` names the items.
+pub(super) fn list<T>(context: &Context<'_>, what: &str, count: u64) -> Result<Vec<T>, MeshError> {
+    charge_items::<T>(context, what, count)?;
+    Ok(Vec::with_capacity(usize::try_from(count).unwrap_or(usize::MAX)))
+}
+
+/// Frees a list of [`list`] or [`push`].
+pub(super) fn free<T>(context: &Context<'_>, items: Vec<T>) {
+    context.release(items.capacity() as u64 * size_of::<T>() as u64);
+}
+
+/// `items.push(item)`. A list that is full is copied to one of twice the size; both are counted while they exist.
+///
+/// # Errors
+/// [`MeshError::Memory`]; `what` names the items.
+pub(super) fn push<T>(
+    context: &Context<'_>,
+    what: &str,
+    items: &mut Vec<T>,
+    item: T,
+) -> Result<(), MeshError> {
+    if items.len() == items.capacity() {
+        let old = items.capacity();
+        let more = old.max(16);
+        charge_items::<T>(context, what, (old + more) as u64)?;
+        items.reserve_exact(more);
+        context.release(old as u64 * size_of::<T>() as u64);
+    }
+    items.push(item);
+    Ok(())
+}
+
+#[cfg(test)]
+mod tests {
+    use std::path::Path;
+
+    use super::*;
+    use crate::mesh::Limits;
+
+    #[test]
+    fn growth_stops_at_the_limit() {
+        let limits = Limits { max_total_bytes: 1 << 16, ..Limits::of_memory(0) };
+        let context = Context::new(Path::new("a"), &limits);
+        let mut items = Vec::new();
+        let grown = (0..1_000_000u64).try_for_each(|k| push(&context, "items", &mut items, k));
+        assert!(matches!(grown, Err(MeshError::Memory { allowed: 65_536, .. })));
+        assert!(items.capacity() * 8 <= 1 << 16);
+        free(&context, items);
+        assert!(list::<u8>(&context, "bytes", 1 << 16).is_ok());
+        assert!(list::<u8>(&context, "bytes", 1).is_err());
+        assert!(list::<u64>(&context, "numbers", u64::MAX).is_err());
+    }
+}

@@ -1,0 +1,46 @@
+//! The files that a mesh consists of, with size and digest.
+
+use std::fs::File;
+use std::io::Read;
+use std::path::{Path, PathBuf};
+
+use super::context::Context;
+use super::error::MeshError;
+
+/// A file that was read.
+#[derive(Clone, Debug, PartialEq, Eq)]
+pub struct SourceFile {
+    /// Its name: as given, or as the mesh names it in its folder.
+    pub path: PathBuf,
+    /// Its size.
+    pub bytes: u64,
+    /// Digest of its bytes.
+    pub blake3: blake3::Hash,
+}
+
+/// Reads the regular file `opened` and lists it as `named`. The memory counts as in use until the caller releases it.
+///
+/// # Errors
+/// It cannot be read, changes meanwhile, or is larger than the memory left.
+pub(super) fn read_file(context: &Context<'_>, named: &Path, opened: &Path) -> Result<Vec<u8>, MeshError> {
+    let io = |action| move |source| MeshError::Io { path: named.into(), action, source };
+    // Before it is opened: opening a pipe waits for its writer.
+    let metadata = std::fs::metadata(opened).map_err(io("open it"))?;
+    if !metadata.is_file() {
+        return Err(io("open it")(std::io::Error::other("it is not a regular file")));
+    }
+    let length = metadata.len();
+    context.charge(length, || format!("file {}", named.display()))?;
+    let file = File::open(opened).map_err(io("open it"))?;
+    let mut bytes = Vec::with_capacity(usize::try_from(length).unwrap_or(usize::MAX));
+    file.take(length.saturating_add(1)).read_to_end(&mut bytes).map_err(io("read it"))?;
+    if bytes.len() as u64 != length {
+        return Err(io("read it")(std::io::Error::other("it changed while it was read")));
+    }
+    let source = SourceFile { path: named.into(), bytes: length, blake3: blake3::hash(&bytes) };
+    let mut sources = context.sources.borrow_mut();
+    if !sources.contains(&source) {
+        sources.push(source);
+    }
+    Ok(bytes)
+}
