@@ -1,5 +1,7 @@
 """The files that commands of the documents read: name → maker, and the names that each page needs. They are small."""
+import json
 import shutil
+import struct
 import subprocess
 from pathlib import Path
 
@@ -102,8 +104,33 @@ def samples(path, _):
         f.truncate(31 * 512 * 512 * 2)
 
 
+def mesh(path, _):
+    """glTF: a wall, a square before it, a camera named Cam1."""
+    square = np.array([(-1, -1, 0), (1, -1, 0), (1, 1, 0), (-1, 1, 0)], np.float32)
+    corners = np.array([0, 1, 2, 0, 2, 3], np.uint16)
+    blob = square.tobytes() + corners.tobytes()
+    colours = (0.8, 0.8, 0.7, 1), (0.6, 0.1, 0.1, 1)
+    document = {
+        "asset": {"version": "2.0"}, "scene": 0, "scenes": [{"nodes": [0, 1, 2]}],
+        "nodes": [{"name": "Wall", "mesh": 0, "scale": [2, 2, 1], "translation": [0, 0, -2]},
+                  {"name": "Card", "mesh": 1, "scale": [0.1, 0.1, 1], "translation": [0.05, 0, -1]}, {"name": "Cam1", "camera": 0}],
+        "cameras": [{"type": "perspective", "perspective": {"yfov": 0.5, "znear": 0.01}}],
+        "meshes": [{"primitives": [{"attributes": {"POSITION": 0}, "indices": 1, "material": k}]} for k in range(2)],
+        "materials": [{"name": f"paint {k}", "doubleSided": True, "pbrMetallicRoughness": {"baseColorFactor": c}} for k, c in enumerate(colours)],
+        "accessors": [{"bufferView": 0, "componentType": 5126, "type": "VEC3", "count": 4, "min": [-1, -1, 0], "max": [1, 1, 0]},
+                      {"bufferView": 1, "componentType": 5123, "type": "SCALAR", "count": 6}],
+        "bufferViews": [{"buffer": 0, "byteLength": 48}, {"buffer": 0, "byteOffset": 48, "byteLength": 12}],
+        "buffers": [{"byteLength": len(blob)}],
+    }
+    text = json.dumps(document).encode()
+    text += b" " * (-len(text) % 4)
+    header = struct.pack("<4sII", b"glTF", 2, 28 + len(text) + len(blob))
+    path.write_bytes(header + struct.pack("<I4s", len(text), b"JSON") + text + struct.pack("<I4s", len(blob), b"BIN\0") + blob)
+
+
 MAKERS = {
     "cube.zarr": cube_zarr,
+    "room.glb": mesh,
     "chart.zarr": chart_zarr,
     "scene.zarr": scene_zarr,
     "film.zarr": film_zarr,
@@ -136,7 +163,7 @@ cube = xarray.open_zarr("edge-cube.zarr", consolidated=False).chart.load()
 
 # What the commands of a page need before they begin; they make all else themselves.
 PAGES = {
-    "README.md": ["cube.zarr", "cube.npy", "MY.zmx", "chart.zarr", "scene.zarr"],
+    "README.md": ["cube.zarr", "cube.npy", "MY.zmx", "chart.zarr", "scene.zarr", "room.glb"],
     "camera.md": ["chart.zarr", "photo.png", "film.zarr", "lens-a.zarr", "lens-b.zarr", "lens-a.raw.zarr", "lens-b.raw.zarr"],
     "charts.md": ["cube.zarr", "cube.hdr", "cube.mat", "cave", "cube.tif", "cube.npy", "cube.raw", "photo.png"],
     "clusters.md": ["chart.zarr"],
@@ -144,6 +171,7 @@ PAGES = {
     "films.md": ["chart.zarr"],
     "lenses.md": ["MY.zmx", "chart.zarr", "tables"],
     "light.md": ["chart.zarr"],
+    "scenes.md": ["room.glb"],
 }
 
 

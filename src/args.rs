@@ -25,6 +25,7 @@ mod measure;
 mod placement;
 mod pyramid;
 mod run;
+mod scene;
 mod sensor;
 mod shoot;
 mod status;
@@ -62,6 +63,9 @@ pub use measure::MeasureArgs;
 pub use placement::{FitArg, PlacementArgs};
 pub use pyramid::{PyramidArgs, ViewArgs};
 pub use run::{FilmUnits, ProcessArgs, RunArgs};
+#[cfg(feature = "mesh")]
+pub use scene::{BackgroundArg, LightsArg, MeshUnit, MissingTextures, ReachArg, SolidsArg, UpAxisArg};
+pub use scene::{LookArgs, MeshArgs, SceneArgs};
 pub use sensor::{ExposeArgs, SensorArgs, SensorCommand, SensorShowArgs, SensorValidateArgs, SizeArg};
 pub use shoot::ShootArgs;
 pub use status::{StatusArgs, VerifyArgs};
@@ -103,6 +107,8 @@ pub enum Command {
     Demo(DemoArgs),
     /// Generate a test chart as a Zarr store, or convert a picture to a chart
     Chart(Box<ChartArgs>),
+    /// Turn a mesh (glTF, OBJ, PLY) into a scene: chart, distances and hidden surfaces, as a lens's pinhole sees them
+    Scene(Box<SceneArgs>),
     /// Trace, import, show and compare lenses
     Lens(LensArgs),
     /// Report what distances of a chart's pixels mean for a run: blur, depth nodes, cost, suspicious pixels

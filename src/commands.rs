@@ -17,6 +17,8 @@ mod paths;
 mod plan;
 mod pyramid;
 mod run;
+#[cfg(feature = "mesh")]
+mod scene;
 mod sensor;
 mod shoot;
 mod status;
@@ -33,6 +35,10 @@ pub fn run(command: &Command, matches: &ArgMatches) -> anyhow::Result<u8> {
     paths::check(command)?;
     match command {
         Command::Chart(args) => chart::command(args).map(|()| 0),
+        #[cfg(feature = "mesh")]
+        Command::Scene(args) => scene::command(args),
+        #[cfg(not(feature = "mesh"))]
+        Command::Scene(_) => Err(anyhow::anyhow!("{}", formats::features::missing("mesh"))),
         Command::Depth(args) => depth::command(args),
         Command::Run(args) => run::command(args, matches),
         Command::Sensor(args) => sensor::command(args),

@@ -1,10 +1,12 @@
 //! Cores and memory of this machine, and memory of this process, as the system reports it.
 
 mod cgroup;
+mod disk;
 
 use crate::failure::usage;
 use crate::progress::mib;
 use cgroup::GroupMemory;
+pub use disk::free_space;
 use std::ffi::OsString;
 use std::fmt::Display;
 use std::path::{Path, PathBuf};

@@ -33,6 +33,7 @@ pages! {
     charts: "formats and axes, wavelengths, units, pictures, drawn charts, missing data",
     lenses: "designs, tables and listings, lens packs, tracing and its cache",
     light: "what a film holds: coatings, absorption, transmission",
+    scenes: "meshes with materials, camera and light; solids, hidden surfaces",
     depth: "distances per pixel, hidden surfaces, focus",
     films: "stores, resume, export, pyramids, the viewer, exit codes, reproducibility",
     camera: "sensors, raws, development, comparison of lenses under the same noise",

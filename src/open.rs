@@ -12,6 +12,9 @@ use formats::lens::{LensPack, builtin, builtin_names};
 use formats::raw::RawStore;
 use std::path::Path;
 
+/// Endings of meshes.
+const MESHES: [&str; 4] = [".glb", ".gltf", ".obj", ".ply"];
+
 /// How a chart is read: flags of the command line.
 #[derive(Clone, Copy, Default)]
 pub struct ChartFlags<'a> {
@@ -48,6 +51,11 @@ pub fn chart_with(spec: &str, flags: &ChartFlags<'_>) -> Result<Chart> {
             &with_var
         }
     };
+    if MESHES.iter().any(|ending| spec.to_lowercase().ends_with(ending)) {
+        return Err(usage(format!(
+            "chart `{spec}` is a mesh: `lenscube scene` makes a scene of it, which this command reads; `lenscube run` does both"
+        )));
+    }
     let request = ChartRequest {
         wavelengths_nm: declared.as_deref(),
         raw: flags.raw,

@@ -1,6 +1,7 @@
 //! `lenscube plan`, and the arguments of `lenscube run` beside those of the job.
 
 use super::run::RunArgs;
+use super::scene::MeshArgs;
 use super::values::{shard_rows, units};
 use clap::builder::ArgPredicate;
 use clap::{Args, ValueEnum};
@@ -31,6 +32,9 @@ pub struct RunCommand {
     /// Units of a plan, and the interface to schedulers.
     #[command(flatten)]
     pub work: WorkArgs,
+    /// Of a mesh.
+    #[command(flatten)]
+    pub mesh: MeshArgs,
 }
 
 /// Optional with a plan, which contains chart and film.

@@ -2,8 +2,8 @@
 
 use super::{compare, export, lens, sensor, shoot, validate};
 use crate::args::{
-    ChartArgs, ChartCommand, Command, DesignArgs, DevelopStyle, ExposeArgs, LensCommand, PlanArgs,
-    SensorCommand, ShootArgs,
+    ChartArgs, ChartCommand, Command, DesignArgs, DevelopStyle, ExposeArgs, LensCommand, LookArgs, PlanArgs,
+    SceneArgs, SensorCommand, ShootArgs,
 };
 use crate::camera::frame::split_group;
 use crate::commands::lens::convert::catalogue_path;
@@ -29,6 +29,7 @@ fn of_command(command: &Command) -> Result<Guard> {
     Ok(match command {
         Command::Demo(args) => guard.writes("--dir", &args.dir),
         Command::Chart(args) => of_chart(args),
+        Command::Scene(args) => of_scene(args),
         Command::Lens(args) => of_lens(&args.command),
         Command::Depth(args) => guard
             .reads_chart("scene", &args.scene)
@@ -36,7 +37,9 @@ fn of_command(command: &Command) -> Result<Guard> {
             .reads_lens(&args.lens)
             .reads_glasses(&args.tracing)
             .may_write("--plot", args.plot.as_ref()),
-        Command::Run(args) if args.work.plan.is_none() => Guard::of_job(&args.job),
+        Command::Run(args) if args.work.plan.is_none() => {
+            reads_look(Guard::of_job(&args.job), &args.mesh.look)
+        }
         Command::Sensor(args) => match &args.command {
             Some(SensorCommand::List) => guard,
             Some(SensorCommand::Show(args)) => in_directory(
@@ -118,6 +121,19 @@ fn of_chart(args: &ChartArgs) -> Guard {
         (None, Some(args)) => guard.writes("OUT.zarr", &args.out),
         (None, None) => guard,
     }
+}
+
+/// A scene; the files that the mesh names are compared with it when they are known.
+fn of_scene(args: &SceneArgs) -> Guard {
+    let guard = of_design(&args.lens, &args.design).reads("mesh", &args.mesh);
+    reads_look(guard, &args.look).may_write("SCENE", args.out.as_ref())
+}
+
+/// Adds the tables of spectra.
+fn reads_look(guard: Guard, look: &LookArgs) -> Guard {
+    let files = look.materials().filter_map(|(_, parts)| Some(parts?.1));
+    let guard = files.fold(guard, |guard, file| guard.reads_text("spectrum", file));
+    look.illuminant_file().into_iter().fold(guard, |guard, file| guard.reads_text("illuminant", file))
 }
 
 fn of_lens(command: &LensCommand) -> Guard {

@@ -18,18 +18,20 @@
 
 mod display;
 mod forecast;
+#[cfg(feature = "mesh")]
+pub mod mesh;
 mod monitor;
 mod record;
 mod shards;
 mod sink;
 mod units;
 
-use crate::args::{ProgressArg, RunArgs, RunCommand};
+use crate::args::{MeshArgs, ProgressArg, RunArgs, RunCommand};
 use crate::commands::cache;
 use crate::commands::plan::CommandLine;
 use crate::commands::pyramid;
 use crate::design;
-use crate::failure::code;
+use crate::failure::{code, usage};
 use crate::film;
 use crate::job::Job;
 use crate::job::depth::Depth;
@@ -69,8 +71,11 @@ pub fn command(args: &RunCommand, matches: &ArgMatches) -> Result<u8> {
     if args.work.die_with_parent {
         interrupt::die_with_parent().context("--die-with-parent")?;
     }
+    check_mesh_flags(args)?;
     let jsonl = (args.work.progress == ProgressArg::Jsonl).then(Jsonl::start);
     let result = match &args.work.plan {
+        #[cfg(feature = "mesh")]
+        None if mesh::is_of_mesh(args) => mesh::run(args, |job| run_job(job, jsonl, args.work.progress)),
         None if args.dry_run => forecast::print(&args.job).map(|()| 0),
         None => run_job(&args.job, jsonl, args.work.progress),
         Some(plan) => {
@@ -82,6 +87,21 @@ pub fn command(args: &RunCommand, matches: &ArgMatches) -> Result<u8> {
         jsonl.end(&result, resume_note(args.job.process.overwrite));
     }
     result
+}
+
+/// Fails if flags of meshes are given for another chart.
+fn check_mesh_flags(args: &RunCommand) -> Result<()> {
+    #[cfg(feature = "mesh")]
+    if mesh::is_of_mesh(args) {
+        return Ok(());
+    }
+    if args.mesh != MeshArgs::default() {
+        return Err(usage(format!(
+            "--camera, --eye, --sun and the other flags of meshes apply to .glb, .gltf, .obj and .ply; chart `{}` is none",
+            args.job.chart
+        )));
+    }
+    Ok(())
 }
 
 /// Computes a complete film.

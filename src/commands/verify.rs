@@ -1,7 +1,7 @@
 //! `lenscube verify`: reads a complete film, checks its shards and attributes, and lists what is wrong.
 
 mod digests;
-mod raw;
+mod other;
 mod repair;
 mod verdict;
 
@@ -20,7 +20,7 @@ use serde_json::{Value, json};
 
 /// Runs the command; the exit code.
 pub fn command(args: &VerifyArgs) -> Result<u8> {
-    if let Some(code) = raw::verify(args)? {
+    if let Some(code) = other::verify(args)? {
         return Ok(code);
     }
     let store = reported::opened_film(FilmStore::open_to_verify(&args.film, true))?;

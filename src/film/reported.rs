@@ -5,6 +5,7 @@ use anyhow::Result;
 use formats::film::FilmStore;
 use formats::group::GroupError;
 use formats::raw::RawStore;
+use formats::scene::SceneStore;
 use std::path::Path;
 
 /// Opens a film to report on it: a missing film is a failure (exit code 1), a damaged one a finding (4).
@@ -45,10 +46,29 @@ pub fn opened_raw(
     path: &Path,
     open: impl Fn(&Path, bool) -> Result<RawStore, GroupError>,
 ) -> Result<Option<RawStore>> {
-    if !RawStore::is_one(path).unwrap_or(false) {
+    opened(RawStore::is_one(path), || open(path, true))
+}
+
+/// The scene at `path`, opened by `open`; `None` if it is none.
+///
+/// # Errors
+/// As [`raw`].
+pub fn opened_scene(
+    path: &Path,
+    open: impl Fn(&Path, bool) -> Result<SceneStore, GroupError>,
+) -> Result<Option<SceneStore>> {
+    opened(SceneStore::is_one(path), || open(path, true))
+}
+
+/// What `open` opens, if it is of its kind.
+fn opened<T>(
+    is_one: Result<bool, GroupError>,
+    open: impl Fn() -> Result<T, GroupError>,
+) -> Result<Option<T>> {
+    if !is_one.unwrap_or(false) {
         return Ok(None);
     }
-    open(path, true).map(Some).map_err(|e| match e {
+    open().map(Some).map_err(|e| match e {
         GroupError::Damaged { .. } | GroupError::ArrayMetadata { .. } => {
             Coded { code: code::WRONG, message: e.to_string() }.into()
         }

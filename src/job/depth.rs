@@ -92,6 +92,11 @@ pub struct Depth {
     pub notes: Vec<String>,
 }
 
+/// Whether `coverage` is known to stand beside light of the surface alone: it is drawn, or says so.
+fn is_straight(coverage: &Chart) -> bool {
+    matches!(coverage, Chart::Generated(_)) || coverage.text_attribute("light") == Some("straight")
+}
+
 /// Rounding of a 16-bit float, relative.
 const F16_HALF_STEP: f64 = 1.0 / 4096.0;
 /// Largest change of blur by rounding of distances that is not reported, px.
@@ -162,8 +167,8 @@ impl Depth {
             };
             notes.extend(found.edge_note(name).filter(|_| !is_snapped));
             notes.extend(found.infinity_note(name));
-            let is_drawn = matches!(sheet.depth.coverage(), Some(Chart::Generated(_)));
-            let is_known = is_drawn || request.given.coverage_light.is_some();
+            let is_known =
+                sheet.depth.coverage().is_some_and(is_straight) || request.given.coverage_light.is_some();
             notes.extend(found.coverage_note(name).filter(|_| !is_known));
             findings.push(found);
         }
@@ -327,8 +332,10 @@ impl SheetInput {
         }
         match (&coverage, given.coverage_light) {
             (None, _) => request.check_opaque(paths, NO_COVERAGE)?,
-            (Some(_), None) => request.check_opaque(paths, COVERAGE_LIGHT)?,
-            (Some(_), Some(_)) => {}
+            (Some(coverage), None) if !is_straight(coverage) => {
+                request.check_opaque(paths, COVERAGE_LIGHT)?
+            }
+            (Some(_), _) => {}
         }
         let is_premultiplied =
             coverage.is_some() && given.coverage_light == Some(CoverageLight::Premultiplied);

@@ -18,6 +18,9 @@ use serde_json::Value;
 use std::path::Path;
 use std::sync::Once;
 
+/// Relative difference of focal lengths of one lens.
+const SAME_FOCAL_LENGTH: f64 = 1e-6;
+
 /// Chart, lens and names of the surfaces' arrays: what is opened first.
 pub struct Opened {
     chart: Chart,
@@ -101,6 +104,7 @@ impl Inputs {
             true => (None, Vec::new()),
             false => {
                 let (focal_mm, blur_um) = lens.focal_mm_and_blur_um()?;
+                check_focal_length(args, &chart, focal_mm)?;
                 let facts = LensFacts { focal_mm, blur_px: blur_um / frame.pitch_um, nodes };
                 let request = DepthRequest::new(args);
                 let mut depth = Depth::open(&request, &surfaces, &frame, &all_nm, facts, &mut |_, _| ())?;
@@ -145,6 +149,22 @@ pub fn chosen_bands(text: &str, nm: &[f64]) -> Result<Vec<usize>> {
         NOTED.call_once(|| log_line(format!("note: {note}")));
     }
     Ok(chosen)
+}
+
+/// Fails if `chart` is a scene that was made for a lens of another focal length, in focus.
+fn check_focal_length(args: &RunArgs, chart: &Chart, focal_mm: f64) -> Result<()> {
+    match chart {
+        Chart::Scene(scene) if (scene.focal_mm() / focal_mm - 1.0).abs() > SAME_FOCAL_LENGTH => {
+            Err(usage(format!(
+                "scene `{}` was made for a lens of f_D = {:.6} mm, `{}` in focus has {focal_mm:.6} mm: give --lens, --focus-m and --gap as to \
+                 `lenscube scene`, or make the scene again for this lens",
+                args.chart,
+                scene.focal_mm(),
+                args.lens
+            )))
+        }
+        _ => Ok(()),
+    }
 }
 
 fn open_chart(args: &RunArgs, nan: NanPolicy) -> Result<Chart> {

@@ -28,6 +28,8 @@ mod pyramid;
 mod replaced;
 mod resume;
 mod run_output;
+#[cfg(feature = "mesh")]
+mod scene;
 mod sensor;
 mod tails;
 mod terminal;

@@ -15,6 +15,7 @@ const LINES: &[&str] = &[
     "demo --dir=dir | dir",
     "chart uniform out | out",
     "chart image file out | out",
+    "scene mesh out --lens=lens --film-size=9 --film-pitch-um=2 --material=m=material.csv --illuminant=illuminant.csv --glass-catalog=glass_catalog --coatings=coatings.toml | out",
     "lens show lens --plot=plot --csv=csv --glass-catalog=glass_catalog --coatings=coatings.toml | plot csv",
     "lens psf design out.npy --sections=sections --glass-catalog=glass_catalog --coatings=coatings.toml | out.npy sections",
     "lens diff a b --glass-catalog=glass_catalog |",
@@ -25,7 +26,7 @@ const LINES: &[&str] = &[
     "lens import source out | out",
     "lens import --template=template | template",
     "depth scene --lens=lens --glass-catalog=glass_catalog --depth=depth --hidden=hidden --plot=plot.png --coatings=coatings.toml | plot.png",
-    "run chart film --lens=lens --glass-catalog=glass_catalog --depth=depth --hidden=hidden --coatings=coatings.toml --sensor-reflectance=sensor_reflectance.csv | film",
+    "run chart film --lens=lens --glass-catalog=glass_catalog --depth=depth --hidden=hidden --coatings=coatings.toml --sensor-reflectance=sensor_reflectance.csv --material=m=material.csv --illuminant=illuminant.csv | film",
     "sensor film raw --sensor=sensor --exposure=1s | raw",
     "sensor show sensor --plot=plot | plot",
     "sensor validate sensor --out=out | out",
@@ -51,6 +52,8 @@ const LINES: &[&str] = &[
 /// plan of `run`, which is read before its job is known.
 const NOT_GUARDED: &[&str] = &[
     "run plan",
+    "run allow_path",
+    "scene allow_path",
     "status plan",
     "bench dir",
     "bench compare",
@@ -79,7 +82,7 @@ fn path_arguments(command: &clap::Command, name: &str, found: &mut BTreeSet<Stri
     }
 }
 
-/// Command, and the values of `--flag=value` and of positions in `line`.
+/// Command, and the values of `--flag=value`, `--flag=name=value` and of positions in `line`.
 fn words(line: &str) -> (String, Vec<String>) {
     let all: Vec<&str> = line.split_whitespace().collect();
     let has_subcommand = match all[0] {
@@ -90,7 +93,7 @@ fn words(line: &str) -> (String, Vec<String>) {
     };
     let n = if has_subcommand { 2 } else { 1 };
     let values =
-        all[n..].iter().map(|word| word.split_once('=').map_or(*word, |(_, value)| value).to_owned());
+        all[n..].iter().map(|word| word.rsplit_once('=').map_or(*word, |(_, value)| value).to_owned());
     (all[..n].join(" "), values.collect())
 }
 

@@ -9,11 +9,12 @@ use crate::failure::{Coded, code};
 use crate::film;
 use crate::job::stages::without_layers;
 use crate::job::{Job, UntracedJob, cost};
+use crate::machine::free_space;
 use crate::progress::mib;
 use crate::progress::{duration, plural, print as print_line};
 use anyhow::Result;
 use formats::chart::Codec;
-use formats::durable::{Store, free_bytes, is_url, link_target, parent_of};
+use formats::durable::{Store, link_target};
 use formats::film::{FilmSpec, FilmStore};
 use pipeline::tiling::ShardId;
 use pipeline::tiling::tiles_needed;
@@ -53,7 +54,7 @@ impl<'a> Forecast<'a> {
             written: pixels * job.film.sample.bytes() as u64,
             min_share: min_share(&job.film),
             temporary: job.chart.temporary_bytes(&bands),
-            free: free(film)?,
+            free: free_space(film)?,
         })
     }
 
@@ -104,15 +105,6 @@ fn layers(job: &Job, store: Option<&FilmStore>, missing: &[BTreeSet<ShardId>]) -
     Ok((bands as u64 * bytes, bands as f64 * core_s, bands))
 }
 
-/// The first existing path among `path` and the directories above it.
-fn existing(path: &Path) -> &Path {
-    let mut path = path;
-    while !path.exists() && parent_of(path) != path {
-        path = parent_of(path);
-    }
-    path
-}
-
 /// Names of the layers.
 fn names(job: &Job) -> String {
     job.film.layers.iter().map(|layer| layer.name.as_str()).collect::<Vec<_>>().join(", ")
@@ -137,7 +129,7 @@ pub fn resolved(args: &RunArgs) -> Result<Job> {
             written,
             min_share: min_share(&job.film),
             temporary,
-            free: free(&args.film)?,
+            free: free_space(&args.film)?,
         };
         forecast.check_space(args.process.force)?;
     }
@@ -147,11 +139,6 @@ pub fn resolved(args: &RunArgs) -> Result<Job> {
 /// Share of the film's bytes that it needs at least.
 fn min_share(film: &FilmSpec) -> f64 {
     if film.codec == Codec::None { 1.0 } else { MIN_WRITTEN_SHARE }
-}
-
-/// Bytes free where the film is written; `None` at a URL.
-fn free(film: &Path) -> Result<Option<u64>> {
-    Ok(if is_url(film) { None } else { Some(free_bytes(existing(film))?) })
 }
 
 /// Fails if the disk is too small for a film that is created, before one that it replaces is removed; unless `--force`.

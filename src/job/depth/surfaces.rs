@@ -1,7 +1,7 @@
 //! Which arrays hold the surfaces of a job: those of `--depth` and `--hidden`, else those of the chart itself.
 //!
 //! A chart's group may hold `depth`, `coverage`, `hidden/1/chart`, `hidden/1/depth`, `hidden/1/coverage`, `hidden/2/chart`, …; `gen:depth-scene` has
-//! such arrays, too. `--depth none` ignores them.
+//! such arrays, too, and a scene has them for each of its surfaces. `--depth none` ignores them.
 
 use super::arrays::is_missing;
 use crate::args::DepthArgs;
@@ -106,6 +106,7 @@ impl SurfacePaths {
                 };
                 Self::of_group(&group)
             }
+            Chart::Scene(scene) => Ok(Self::of_scene(&scene.path().display().to_string(), scene.sheets())),
             Chart::Raster(_) | Chart::Decoded(_) => match chart.hdf5_array() {
                 None => Ok(Vec::new()),
                 Some((file, array)) => Self::of_group(&match array.path.rsplit_once('/') {
@@ -114,6 +115,17 @@ impl SurfacePaths {
                 }),
             },
         }
+    }
+
+    /// Those of the scene at `path`.
+    fn of_scene(path: &str, sheets: usize) -> Vec<Self> {
+        let depth = member(path, "depth");
+        let first = Self { name: depth.clone(), ..Self::first(&depth) };
+        let hidden = |number: usize| {
+            let group = member(path, &format!("hidden/{number}"));
+            Self { name: group.clone(), chart: Some(group.clone()), ..Self::hidden(&group) }
+        };
+        std::iter::once(first).chain((1..sheets).map(hidden)).collect()
     }
 
     /// Those of a group of a Zarr store or an HDF5 file.

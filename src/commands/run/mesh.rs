@@ -1,0 +1,101 @@
+//! The film of a mesh: its scene is made beside the film as FILM.scene, which is the chart, and removed when the film is complete.
+//!
+//! The scene is made again by each run, and its bytes are the same then: the times of its files do not matter (`--trust-input`).
+
+use crate::args::{PlacementArgs, RunArgs, RunCommand, SceneArgs};
+use crate::commands::scene;
+use crate::failure::usage;
+use crate::progress::log_line;
+use anyhow::Result;
+use formats::mesh::is_mesh;
+use formats::scene::SceneStore;
+use std::path::{Path, PathBuf};
+
+/// Whether the chart of `args` is a mesh.
+pub fn is_of_mesh(args: &RunCommand) -> bool {
+    args.work.plan.is_none() && is_mesh(Path::new(&args.job.chart))
+}
+
+/// Path of the scene of the film `film`.
+pub fn scene_path(film: &Path) -> PathBuf {
+    let mut path = film.as_os_str().to_owned();
+    path.push(".scene");
+    path.into()
+}
+
+/// Makes the scene of the mesh of `args`, calls `run` with the job of its film, and removes the scene when the film is complete; the exit code.
+///
+/// # Errors
+/// Flags that do not fit a mesh; those of the scene and of the film.
+pub fn run(args: &RunCommand, run: impl FnOnce(&RunArgs) -> Result<u8>) -> Result<u8> {
+    let out = scene_path(&args.job.film);
+    match scene::command(&scene_args(args, &out)?)? {
+        0 => {}
+        code => return Ok(code),
+    }
+    let mut job = args.job.clone();
+    job.chart = out.display().to_string();
+    job.trust_input = !job.check_input;
+    let code = run(&job)?;
+    if code == 0 && !args.mesh.keep_scene {
+        SceneStore::remove(&out)?;
+    } else {
+        log_line(format!("the scene is {}", out.display()));
+    }
+    Ok(code)
+}
+
+/// The request of the scene `out`.
+fn scene_args(args: &RunCommand, out: &Path) -> Result<SceneArgs> {
+    let RunCommand { job, mesh, .. } = args;
+    if args.dry_run {
+        return Err(usage(format!(
+            "--dry-run: the film of a mesh follows its scene: `lenscube scene {} --info` tells its size and cost",
+            job.chart
+        )));
+    }
+    let PlacementArgs { film_size, film_pitch_um, axis, scale, chart_pitch_mm, fit, center } = job.placement;
+    let (Some(film_size), Some(film_pitch_um)) = (film_size, film_pitch_um) else {
+        return Err(usage("a mesh has no size in pixels: give --film-size and --film-pitch-um"));
+    };
+    let placed = [
+        ("--axis", axis.is_some()),
+        ("--scale", scale != (1.0, 1.0)),
+        ("--chart-pitch-mm", chart_pitch_mm.is_some()),
+        ("--fit", fit.is_some()),
+        ("--center", center != (0.0, 0.0)),
+        ("--chart-shape", job.chart_shape.is_some()),
+        ("--var", job.var.is_some()),
+        ("--axes", job.axes.is_some()),
+        ("--chart-scale", job.chart_scale.is_some()),
+        ("--depth", job.surfaces.depth.is_some()),
+        ("--hidden", !job.surfaces.hidden.is_empty()),
+    ];
+    if let Some((flag, _)) = placed.iter().find(|(_, given)| *given) {
+        return Err(usage(format!(
+            "{flag} does not apply to a mesh, which the camera places: {}",
+            job.chart
+        )));
+    }
+    Ok(SceneArgs {
+        mesh: job.chart.clone().into(),
+        out: Some(out.into()),
+        lens: job.lens.clone(),
+        focus_m: job.surfaces.focus_m,
+        film_size,
+        film_pitch_um,
+        depths_m: mesh.depths_m,
+        view: mesh.view.clone(),
+        surfaces: mesh.surfaces.clone(),
+        look: mesh.look.clone(),
+        info: false,
+        materials: false,
+        threads: job.threads,
+        memory: job.memory,
+        no_fsync: job.no_fsync,
+        overwrite: job.process.overwrite,
+        force: job.process.force,
+        take_over: job.process.take_over,
+        design: job.tracing.design(&job.surfaces.gap),
+    })
+}

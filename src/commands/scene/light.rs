@@ -1,0 +1,128 @@
+//! What surfaces look like: materials with their spectra, textures, and the light of the scene.
+
+use super::prepared::Prepared;
+use crate::args::{BackgroundArg, SceneArgs};
+use crate::failure::usage;
+use anyhow::{Context, Result};
+use formats::sensor::{film_reflectance, relative_power};
+use pipeline::colour::Illuminant;
+use pipeline::scene::appearance::{Appearance, AppearanceRequest, Assigned, Background, materials_named};
+use pipeline::scene::description::Light;
+use pipeline::scene::horizon::Horizon;
+use pipeline::scene::light::{LightRequest, Lighting, Sun};
+use pipeline::scene::mesh::Mesh;
+use pipeline::scene::texture::Pyramid;
+use pipeline::scene::weights::{SceneIlluminant, Spectrum};
+use pipeline::sensor::Curve;
+use std::path::Path;
+
+/// Materials and light of `args`.
+///
+/// # Errors
+/// Light that cannot be; a spectrum times a texture that is not there.
+pub fn appearance<'a>(
+    args: &SceneArgs,
+    prepared: &'a Prepared,
+    textures: Vec<Pyramid>,
+    assigned: &'a [Assigned],
+) -> Result<Appearance<'a, Mesh>> {
+    let lighting = lighting(args, prepared)?;
+    let background = match args.look.background {
+        BackgroundArg::None => Background::None,
+        BackgroundArg::Luminance(luminance) => Background::Luminance(luminance),
+    };
+    let step = prepared.frame.pitch_mm / prepared.frame.focal_mm;
+    let request = AppearanceRequest {
+        triangles: &prepared.mesh,
+        parts: &prepared.scene.parts,
+        materials: &prepared.scene.materials,
+        textures,
+        assigned,
+        pose: prepared.pose,
+        step: [step, step],
+        lighting,
+        background,
+    };
+    Appearance::new(request).with_context(|| format!("mesh {}", args.mesh.display()))
+}
+
+/// The textures of the mesh, each with its means over larger and larger areas; they leave `prepared`.
+///
+/// # Errors
+/// A picture without texels.
+pub fn textures(prepared: &mut Prepared) -> Result<Vec<Pyramid>> {
+    let pictures = std::mem::take(&mut prepared.scene.textures);
+    Ok(pictures.into_iter().map(Pyramid::new).collect::<Result<_, _>>()?)
+}
+
+/// The spectra of `--material`.
+///
+/// # Errors
+/// A material that the mesh lacks; a table that cannot be read.
+pub fn assigned_spectra(args: &SceneArgs, prepared: &Prepared) -> Result<Vec<Assigned>> {
+    let spectra = args.look.materials().map(|(text, parts)| {
+        let flag = || format!("--material {text}");
+        let (name, file, times_texture) = parts
+            .ok_or_else(|| usage(format!("{}: expected NAME=FILE.csv or NAME=FILE.csv*texture", flag())))?;
+        let materials = materials_named(&prepared.scene.materials, name)
+            .map_err(|e| usage(format!("{}: {e}", flag())))?;
+        let curve = film_reflectance(file).with_context(flag)?;
+        let spectrum = spectrum(file, curve, 1.0).with_context(flag)?;
+        Ok(Assigned { materials, spectrum, times_texture })
+    });
+    spectra.collect()
+}
+
+fn spectrum(file: &Path, curve: Curve, max: f64) -> Result<Spectrum> {
+    let name = file.file_name().unwrap_or(file.as_os_str()).to_string_lossy();
+    Ok(Spectrum::new(name, curve.wavelengths_nm, curve.values, max)?)
+}
+
+/// The spectrum of white light.
+///
+/// # Errors
+/// Neither a known illuminant nor a table that can be read.
+pub fn illuminant(args: &SceneArgs) -> Result<SceneIlluminant> {
+    let text = &args.look.illuminant;
+    match args.look.illuminant_file() {
+        None => {
+            let light = text.parse::<Illuminant>().map_err(|e| usage(format!("--illuminant {text}: {e}")))?;
+            Ok(SceneIlluminant::Cie(light))
+        }
+        Some(path) => {
+            let flag = || format!("--illuminant {text}");
+            let curve = relative_power(path).with_context(flag)?;
+            Ok(SceneIlluminant::Measured(spectrum(path, curve, f64::INFINITY).with_context(flag)?))
+        }
+    }
+}
+
+fn lighting(args: &SceneArgs, prepared: &Prepared) -> Result<Lighting> {
+    let look = &args.look;
+    let lights: &[Light] = match look.lights {
+        None => &[],
+        Some(_) if prepared.scene.lights.is_empty() => {
+            return Err(usage(format!("--lights file: {} has no lights", args.mesh.display())));
+        }
+        Some(_) => &prepared.scene.lights,
+    };
+    let sun = look.sun.map(|sun| Sun {
+        azimuth_deg: sun.azimuth_deg,
+        elevation_deg: sun.elevation_deg,
+        illuminance_lx: sun.illuminance_lx.unwrap_or(look.illuminance),
+    });
+    if sun.is_none() && look.sky.is_none() && lights.is_empty() {
+        return Ok(Lighting::even(look.illuminance));
+    }
+    let request = LightRequest {
+        illuminance_lx: look.illuminance,
+        sun,
+        sky_lx: look.sky,
+        lights,
+        unit_m: prepared.unit_m,
+        environment: None,
+        sky_samples: look.sky_samples,
+    };
+    let horizon = Horizon::new(&prepared.pose, prepared.up);
+    Lighting::new(request, &prepared.pose, &horizon).map_err(|e| usage(e.to_string()))
+}

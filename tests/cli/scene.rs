@@ -1,0 +1,376 @@
+//! Scenes of meshes: values, bytes for any threads and memory, kills, refusals, the film of a scene.
+
+use crate::common::{CommandResult, assert_error_line, assert_exit, bits, files, lenscube, pixels, text};
+use pipeline::colour::Illuminant;
+use std::fmt::Write;
+use std::path::{Path, PathBuf};
+use std::process::Command;
+use tempfile::TempDir;
+
+const USAGE: i32 = 2;
+const OTHER_JOB: i32 = 3;
+const WRONG: i32 = 4;
+
+/// A mesh as an OBJ file, in metres, before a camera at the origin that looks along −z.
+#[derive(Default)]
+struct Obj {
+    text: String,
+    vertices: usize,
+}
+
+impl Obj {
+    fn vertex(&mut self, [x, y, z]: [f64; 3]) -> usize {
+        writeln!(self.text, "v {x} {y} {z}").unwrap();
+        self.vertices += 1;
+        self.vertices
+    }
+
+    fn material(&mut self, name: &str) {
+        writeln!(self.text, "usemtl {name}").unwrap();
+    }
+
+    /// A rectangle that faces the camera.
+    fn wall(&mut self, z: f64, half: f64) {
+        let corners = [[-half, -half, z], [half, -half, z], [half, half, z], [-half, half, z]];
+        let [a, b, c, d] = corners.map(|corner| self.vertex(corner));
+        writeln!(self.text, "f {a} {b} {c} {d}").unwrap();
+    }
+
+    /// A closed ball of parallels and meridians, its corners counter-clockwise from outside.
+    fn ball(&mut self, centre: [f64; 3], radius: f64) {
+        let (rows, columns) = (12, 24);
+        let at = |i: usize, j: usize| {
+            let (theta, phi) = (
+                std::f64::consts::PI * i as f64 / rows as f64,
+                std::f64::consts::TAU * j as f64 / columns as f64,
+            );
+            let direction = [theta.sin() * phi.cos(), theta.cos(), -theta.sin() * phi.sin()];
+            std::array::from_fn(|k| centre[k] + radius * direction[k])
+        };
+        let north = self.vertex(at(0, 0));
+        let south = self.vertex(at(rows, 0));
+        let first = self.vertices + 1;
+        for i in 1..rows {
+            (0..columns).for_each(|j| {
+                self.vertex(at(i, j));
+            });
+        }
+        let number = |i: usize, j: usize| first + (i - 1) * columns + j % columns;
+        for j in 0..columns {
+            writeln!(self.text, "f {north} {} {}", number(1, j), number(1, j + 1)).unwrap();
+            writeln!(self.text, "f {south} {} {}", number(rows - 1, j + 1), number(rows - 1, j)).unwrap();
+            for i in 1..rows - 1 {
+                let corners = [number(i, j), number(i + 1, j), number(i + 1, j + 1), number(i, j + 1)];
+                writeln!(self.text, "f {} {} {} {}", corners[0], corners[1], corners[2], corners[3]).unwrap();
+            }
+        }
+    }
+}
+
+struct Place(TempDir);
+
+impl Place {
+    fn new() -> Self {
+        Self(tempfile::tempdir().unwrap())
+    }
+
+    fn at(&self, name: &str) -> PathBuf {
+        self.0.path().join(name)
+    }
+
+    /// A red ball before a grey wall.
+    fn mesh(&self) -> PathBuf {
+        let mut obj = Obj { text: "mtllib room.mtl\no Wall\n".into(), ..Obj::default() };
+        obj.material("grey");
+        obj.wall(-3.0, 6.0);
+        obj.text.push_str("o Ball\n");
+        obj.material("red");
+        obj.ball([0.2, 0.0, -1.0], 0.2);
+        std::fs::write(self.at("room.mtl"), "newmtl grey\nKd 0.5 0.5 0.5\nnewmtl red\nKd 0.6 0 0\n").unwrap();
+        let path = self.at("room.obj");
+        std::fs::write(&path, obj.text).unwrap();
+        path
+    }
+}
+
+/// Flags of the lens, film and camera.
+const VIEW: [&str; 13] = [
+    "--lens",
+    "phone",
+    "--focus-m",
+    "1",
+    "--film-pitch-um",
+    "6",
+    "--mesh-unit",
+    "m",
+    "--eye",
+    "0,0,0",
+    "--target",
+    "0,0,-1",
+    "--film-size",
+];
+
+fn command(mesh: &Path, scene: &Path, size: &str, flags: &[&str]) -> Command {
+    let mut command = Command::new(env!("CARGO_BIN_EXE_lenscube"));
+    command.args(["scene", text(mesh), text(scene)]).args(VIEW).arg(size).args(flags);
+    command
+}
+
+fn scene(mesh: &Path, scene: &Path, size: &str, flags: &[&str]) -> CommandResult {
+    CommandResult::new(&command(mesh, scene, size, flags).output().unwrap())
+}
+
+/// A plane of a scene or film: rows and columns.
+fn plane(store: &Path, array: &str, band: usize) -> (usize, usize, Vec<f32>) {
+    let (size, mut bands) = pixels(store, array);
+    (size.height, size.width, bands.swap_remove(band))
+}
+
+#[test]
+fn values_are_those_of_the_mesh_and_the_light() {
+    let place = Place::new();
+    let (mesh, out, film) = (place.mesh(), place.at("scene.zarr"), place.at("film.zarr"));
+    // The blur of the two differs by half a pixel.
+    scene(&mesh, &out, "400x300", &["--quiet", "--gap-px", "0.1"]).ok();
+    let (height, width, depth) = plane(&out, "depth", 0);
+    let (.., coverage) = plane(&out, "coverage", 0);
+    let (.., red) = plane(&out, "weights", 0);
+    let (.., green) = plane(&out, "weights", 1);
+    let (.., behind) = plane(&out, "hidden/1/depth", 0);
+    let (.., behind_red) = plane(&out, "hidden/1/weights", 0);
+    // The wall at the left edge; the ball where the axis of its centre, x/z = 0.2, meets the film.
+    let middle = height / 2 * width;
+    assert_eq!((depth[middle + 2], coverage[middle + 2]), (3.0, 1.0));
+    assert!((red[middle + 2] - 0.5).abs() < 1e-6 && (green[middle + 2] - 0.5).abs() < 1e-6);
+    let report: serde_json::Value = serde_json::from_str(
+        &lenscube(&[
+            "lens",
+            "camera",
+            "phone",
+            "--focus-m",
+            "1",
+            "--film-size",
+            "400x300",
+            "--film-pitch-um",
+            "6",
+            "--json",
+        ])
+        .ok()
+        .stdout,
+    )
+    .unwrap();
+    let focal_mm = report["focal_length_mm"].as_f64().unwrap();
+    let column = ((width as f64 - 1.0) / 2.0 + 0.2 * focal_mm / 6e-3).round() as usize;
+    let ball = middle + column;
+    assert!((depth[ball] - 0.8).abs() < 0.01, "{}", depth[ball]);
+    assert!((red[ball] - 0.6).abs() < 1e-6 && green[ball] == 0.0);
+    // Behind the ball the wall is seen, never the ball's back; far from edges nothing is stored.
+    let hidden =
+        (0..width).map(|x| middle + x).find(|&i| behind[i] > 0.0).expect("a hidden surface near the rim");
+    assert!(
+        (behind[hidden] - 3.0).abs() < 1e-6 && (behind_red[hidden] - 0.5).abs() < 1e-6,
+        "{}",
+        behind[hidden]
+    );
+    assert!(behind.iter().all(|z| *z == 0.0 || (z - 3.0).abs() < 1e-6));
+    // The film: radiance ρE/π of the wall, D65 of 1000 lx, left of the axis, where the relative illumination is 1; the lens passes all light.
+    let nm = "400:700:20";
+    lenscube(&[
+        "run",
+        text(&out),
+        text(&film),
+        "--lens",
+        "phone",
+        "--focus-m",
+        "1",
+        "--wavelengths",
+        nm,
+        "--tails",
+        "off",
+        "--quiet",
+    ])
+    .ok();
+    let (size, bands) = pixels(&film, "film");
+    let expected = 0.5 * Illuminant::D65.irradiance_scale(1000.0) * Illuminant::D65.relative_power(560.0)
+        / std::f64::consts::PI;
+    let found = f64::from(bands[8][size.height / 2 * size.width + size.width / 2 - 25]);
+    assert!((found / expected - 1.0).abs() < 0.01, "{found:e} {expected:e}");
+}
+
+/// Threads, memory and the shape of the tiles in flight change no byte, nor do kills.
+#[test]
+fn bytes_do_not_depend_on_threads_memory_or_kills() {
+    let place = Place::new();
+    let (mesh, whole) = (place.mesh(), place.at("whole.zarr"));
+    let flags = ["--samples-per-px", "1", "--quiet"];
+    let size = "700x600";
+    scene(&mesh, &whole, size, &[&flags[..], &["--threads", "2", "--memory", "1GiB"]].concat()).ok();
+    let expected = files(&whole);
+    let small = place.at("small.zarr");
+    scene(&mesh, &small, size, &[&flags[..], &["--threads", "1", "--memory", "140MiB"]].concat()).ok();
+    assert!(files(&small) == expected);
+    let killed = place.at("killed.zarr");
+    for fault in ["commit:2:kill", "write:3:kill", "scene-shard:4:kill", "locked:1:kill"] {
+        let mut command = command(&mesh, &killed, size, &flags);
+        assert!(!command.env("LENSCUBE_FAULT", fault).output().unwrap().status.success(), "{fault}");
+    }
+    assert_exit(&scene(&mesh, &killed, size, &["--samples-per-px", "1"]), 0, &["resuming"]);
+    assert!(files(&killed) == expected);
+    assert_exit(&scene(&mesh, &killed, size, &["--samples-per-px", "1"]), 0, &["nothing to do"]);
+    let other = scene(&mesh, &killed, size, &["--samples-per-px", "4"]);
+    assert_exit(&other, OTHER_JOB, &["another job", "samples_per_px", "--overwrite"]);
+    assert_exit(&lenscube(&["verify", text(&killed)]), 0, &["scene", "0 defects"]);
+    std::fs::remove_file(killed.join("depth/c/0/0")).unwrap();
+    let mut bytes = std::fs::read(killed.join("weights/c/1/1/0")).unwrap();
+    bytes[9] ^= 4;
+    std::fs::write(killed.join("weights/c/1/1/0"), bytes).unwrap();
+    let found = lenscube(&["verify", text(&killed), "--repair"]);
+    assert_exit(
+        &found,
+        WRONG,
+        &["missing depth/c/0/0", "bad weights/c/1/1/0", "1 bad shards removed", "lenscube scene"],
+    );
+    let run = lenscube(&[
+        "run",
+        text(&killed),
+        text(&place.at("f.zarr")),
+        "--lens",
+        "phone",
+        "--focus-m",
+        "1",
+        "--wavelengths",
+        "550",
+    ]);
+    assert_error_line(&run, USAGE, &["2 of its files are missing", "not complete"]);
+    scene(&mesh, &killed, size, &flags).ok();
+    assert!(files(&killed) == expected);
+}
+
+#[test]
+fn what_cannot_be_is_refused_before_anything_is_written() {
+    let place = Place::new();
+    let mesh = place.mesh();
+    let out = place.at("scene.zarr");
+    let lens = ["--lens", "phone", "--focus-m", "1", "--film-pitch-um", "6", "--film-size", "60x40"];
+    let unit = ["--mesh-unit", "m"];
+    let looking = ["--eye", "0,0,0", "--target", "0,0,-1"];
+    let run = |mesh: &Path, flags: &[&[&str]]| {
+        lenscube(&[&["scene", text(mesh), text(&out)], &flags.concat()[..]].concat())
+    };
+    std::fs::write(place.at("notes.txt"), "v 0 0 0").unwrap();
+    std::fs::write(place.at("empty.obj"), "v 0 0 0\nv 1 0 0\n").unwrap();
+    std::fs::write(place.at("bad.obj"), "v 0 0 0\nv 1 0 0\nv 0 1 0\nf 1 2 9\n").unwrap();
+    for (mesh, flags, texts) in [
+        (&*mesh, &[&lens[..], &looking][..], &["--mesh-unit"][..]),
+        (&mesh, &[&lens, &unit], &["no camera", "--eye"]),
+        (&mesh, &[&lens, &unit, &["--eye", "0,0,0", "--target", "0,0,1"]], &["before the camera"]),
+        (&mesh, &[&lens, &unit, &["--eye", "0,0,0", "--target", "0,1,0"]], &["--up"]),
+        (&mesh, &[&lens, &unit, &["--eye", "0.2,0,-0.83", "--target", "0.2,0,0"]], &["inside or at", "Ball"]),
+        (
+            &mesh,
+            &[&lens, &unit, &looking, &["--material", "blue=x.csv"]],
+            &["no material is called `blue`", "grey", "red"],
+        ),
+        (&mesh, &[&lens, &unit, &looking, &["--material", "red=none.csv"]], &["none.csv"]),
+        (&mesh, &[&lens, &unit, &looking, &["--illuminant", "D66"]], &["--illuminant D66"]),
+        (&mesh, &[&lens, &unit, &looking, &["--lights", "file"]], &["has no lights"]),
+        (&mesh, &[&lens, &unit, &looking, &["--memory", "20MiB"]], &["too small"]),
+        (&place.at("notes.txt"), &[&lens, &unit, &looking], &["notes.txt", ".glb, .gltf, .obj or .ply"]),
+        (&place.at("missing.obj"), &[&lens, &unit, &looking], &["missing.obj"]),
+        (&place.at("empty.obj"), &[&lens, &unit, &looking], &["no triangles"]),
+        (&place.at("bad.obj"), &[&lens, &unit, &looking], &["line 4"]),
+    ] {
+        let result = run(mesh, flags);
+        // A file that cannot be read at all is a failure (1), all else usage.
+        let expected = if matches!(texts, ["missing.obj" | "none.csv"]) { 1 } else { USAGE };
+        assert_error_line(&result, expected, texts);
+        assert!(!out.exists(), "{flags:?}");
+    }
+    // Outputs never touch an input.
+    for output in [&mesh, &place.at("room.mtl")] {
+        let before = std::fs::read(output).unwrap();
+        let words =
+            [&["scene", text(&mesh), text(output), "--overwrite"], &lens[..], &unit, &looking].concat();
+        let result = lenscube(&words);
+        assert!(result.code != 0, "{result:?}");
+        assert_eq!(std::fs::read(output).unwrap(), before);
+    }
+}
+
+#[test]
+fn a_scene_is_of_its_lens_and_tells_of_colours() {
+    let place = Place::new();
+    let (mesh, out, film) = (place.mesh(), place.at("scene.zarr"), place.at("film.zarr"));
+    scene(&mesh, &out, "60x40", &["--quiet", "--sheets", "1", "--samples-per-px", "4"]).ok();
+    let run =
+        |flags: &[&str]| lenscube(&[&["run", text(&out), text(&film), "--lens", "phone"], flags].concat());
+    let other = run(&["--focus-m", "0.5", "--wavelengths", "550"]);
+    assert_error_line(&other, USAGE, &["was made for a lens of f_D", "--focus-m"]);
+    assert!(!film.exists());
+    // One band cannot represent colours: a note, and the nearest.
+    assert_exit(
+        &run(&["--focus-m", "1", "--wavelengths", "550", "--tails", "off"]),
+        0,
+        &["colours are in error"],
+    );
+    let info = lenscube(&[&["scene", text(&mesh), "--info"], &VIEW[..], &["60x40"]].concat()).ok();
+    for expected in
+        ["triangles               530 in 2 parts", "1 closed", "3 weights with spectra red, green, blue"]
+    {
+        assert!(info.stdout.contains(expected), "{expected}: {}", info.stdout);
+    }
+    let materials = lenscube(&[&["scene", text(&mesh), "--materials"], &VIEW[..], &["60x40"]].concat()).ok();
+    assert!(
+        materials.stdout.contains("grey") && materials.stdout.contains("0.600 0.000 0.000"),
+        "{}",
+        materials.stdout
+    );
+}
+
+/// `run` of a mesh makes the scene, the film of it, and removes the scene; a killed one is resumed by the same command.
+#[test]
+fn a_film_is_made_of_a_mesh_in_one_command() {
+    let place = Place::new();
+    let (mesh, out, film) = (place.mesh(), place.at("scene.zarr"), place.at("film.zarr"));
+    let bands = ["--wavelengths", "500,600", "--quiet"];
+    scene(&mesh, &out, "120x90", &["--quiet", "--sun", "30,40"]).ok();
+    let lens = ["--lens", "phone", "--focus-m", "1"];
+    lenscube(&[&["run", text(&out), text(&film)], &lens[..], &bands].concat()).ok();
+    let direct = place.at("direct.zarr");
+    let run = |fault: &str, flags: &[&str]| {
+        let mut command = Command::new(env!("CARGO_BIN_EXE_lenscube"));
+        command
+            .args(["run", text(&mesh), text(&direct)])
+            .args(VIEW)
+            .args(["120x90", "--sun", "30,40"])
+            .args(bands)
+            .args(flags);
+        CommandResult::new(&command.env("LENSCUBE_FAULT", fault).output().unwrap())
+    };
+    let beside = place.at("direct.zarr.scene");
+    for fault in ["scene-shard:2:kill", "film-opened:1:kill", "commit:2:kill"] {
+        assert!(run(fault, &[]).code != 0, "{fault}");
+        assert!(beside.exists(), "{fault}");
+    }
+    run("", &["--keep-scene"]).ok();
+    assert_eq!(bits(&pixels(&direct, "film").1), bits(&pixels(&film, "film").1));
+    assert!(files(&beside) == files(&out));
+    run("", &[]).ok();
+    assert!(!beside.exists());
+    let other =
+        lenscube(&[&["run", text(&mesh), text(&direct)], &VIEW[..], &["120x90", "--center", "1,0"]].concat());
+    assert_error_line(&other, USAGE, &["--center does not apply to a mesh"]);
+    let chart = lenscube(&[
+        "run",
+        "gen:uniform?size=8",
+        text(&place.at("c.zarr")),
+        "--eye",
+        "0,0,0",
+        "--target",
+        "0,0,1",
+    ]);
+    assert_error_line(&chart, USAGE, &["flags of meshes", "gen:uniform"]);
+    let planned =
+        lenscube(&["plan", text(&mesh), text(&place.at("p.zarr")), "-o", text(&place.at("job.json"))]);
+    assert_error_line(&planned, USAGE, &["is a mesh", "lenscube scene"]);
+}
