@@ -9,7 +9,7 @@
 //! ```
 //! then its identity (`identity`) and the notes to print (`notes`). Every error that can be found early is found here.
 
-mod arguments;
+pub mod arguments;
 mod bands;
 pub mod cost;
 mod coverage;

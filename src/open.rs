@@ -12,6 +12,11 @@ use formats::lens::{LensPack, builtin, builtin_names};
 use formats::raw::RawStore;
 use std::path::Path;
 
+/// Whether `spec` is the name of a mesh.
+pub fn is_mesh(spec: &str) -> bool {
+    MESHES.iter().any(|ending| spec.to_lowercase().ends_with(ending))
+}
+
 /// Endings of meshes.
 const MESHES: [&str; 4] = [".glb", ".gltf", ".obj", ".ply"];
 
@@ -51,7 +56,7 @@ pub fn chart_with(spec: &str, flags: &ChartFlags<'_>) -> Result<Chart> {
             &with_var
         }
     };
-    if MESHES.iter().any(|ending| spec.to_lowercase().ends_with(ending)) {
+    if is_mesh(spec) {
         return Err(usage(format!(
             "chart `{spec}` is a mesh: `lenscube scene` makes a scene of it, which this command reads; `lenscube run` does both"
         )));

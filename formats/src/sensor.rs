@@ -332,12 +332,12 @@ fn read(path: &Path, limit: u64) -> Result<Option<String>, SensorError> {
     }
 }
 
-/// The reflectance of a film in the CSV at `path`: columns `wavelength_nm`, ascending, and `reflectance`, 0 to 1.
+/// The reflectance of a film or a surface in the CSV at `path`: columns `wavelength_nm`, ascending, and `reflectance`, 0 to 1.
 ///
 /// # Errors
 /// [`SensorError`] of a file that cannot be read or is no such table.
 pub fn film_reflectance(path: &Path) -> Result<Curve, SensorError> {
-    table_at(path, "reflectance", Quantity::Share("reflectance"))
+    table_at(path, "reflectance", Quantity::Reflectance)
 }
 
 /// The relative power of a light in the CSV at `path`: columns `wavelength_nm`, ascending, and `power`, not negative.

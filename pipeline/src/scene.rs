@@ -10,7 +10,7 @@
 //! | triangles in the camera frame, closed components | [`mesh`] |
 //! | all hits of each sample, and which are surfaces | [`visibility`] |
 //! | sheets of a pixel and of a tile, reach of hidden sheets | [`sheets`] |
-//! | materials, textures, light with shadows | [`appearance`], [`texture`], [`light`], [`environment`] |
+//! | materials, textures, light with shadows | [`appearance`], [`texture`], [`light`] |
 //!
 //! Camera frame: origin at the centre of the paraxial entrance pupil, x right (columns), y DOWN (rows), z along the axis into the scene, in
 //! metres. A direction is d = (x, y, 1), so that the point of a ray at z is z·d and the vergence is V = 1/z in 1/m.
@@ -23,8 +23,6 @@
 #[cfg(feature = "mesh")]
 pub mod appearance;
 pub mod description;
-#[cfg(feature = "mesh")]
-pub mod environment;
 #[cfg(feature = "mesh")]
 pub mod frame;
 #[cfg(feature = "mesh")]

@@ -103,7 +103,7 @@ pub struct ViewpointArgs {
     #[arg(long, value_parser = one_of(UP_AXIS))]
     pub up_axis: Option<UpAxisArg>,
     /// Surfaces nearer than this, m, are cut away [default: an error from 1 % of the picture on, if nearer than ten focal lengths]
-    #[arg(long, value_name = "M", value_parser = positive)]
+    #[arg(long, allow_negative_numbers = true, value_name = "M", value_parser = positive)]
     pub near_m: Option<f64>,
 }
 
@@ -123,7 +123,7 @@ pub struct SurfaceArgs {
     /// Distance from edges within which hidden surfaces are stored, chart pixels, or all [default: that of the largest blur]
     #[arg(long, value_name = "N|all", value_parser = reach)]
     pub reach_px: Option<ReachArg>,
-    /// Closed surfaces of opaque triangles have an inside that nobody sees (auto), or every surface is a sheet (none)
+    /// Closed surfaces of opaque triangles have an inside that is never seen (auto), or every surface has two sides (none)
     #[arg(long, value_parser = one_of(SOLIDS), default_value = "auto")]
     pub solids: SolidsArg,
     /// Show the back of materials that are declared one-sided
@@ -150,8 +150,8 @@ pub struct LookArgs {
     /// lx on a surface that faces it [default: --illuminance]
     #[arg(long, value_name = "AZIMUTH,ELEVATION[,LX]", value_parser = sun, allow_hyphen_values = true)]
     pub sun: Option<SunArg>,
-    /// Even sky above the horizon, with shadows: lx on an open horizontal surface
-    #[arg(long, value_name = "LX", value_parser = positive)]
+    /// Even light from all directions, with shadows: lx on an open surface
+    #[arg(long, allow_negative_numbers = true, value_name = "LX", value_parser = positive)]
     pub sky: Option<f64>,
     /// Directions in which the sky is sampled: 1, 4, 16 or 64
     #[arg(long, value_name = "N", value_parser = samples, default_value = "64")]
@@ -160,7 +160,7 @@ pub struct LookArgs {
     #[arg(long, value_parser = one_of(LIGHTS))]
     pub lights: Option<LightsArg>,
     /// What is behind all surfaces: none (black), or its luminance in cd/m²
-    #[arg(long, value_name = "CD_PER_M2|none", value_parser = background, default_value = "none")]
+    #[arg(long, allow_negative_numbers = true, value_name = "CD_PER_M2|none", value_parser = background, default_value = "none")]
     pub background: BackgroundArg,
     /// Distance of the background, m [default: inf]
     #[arg(long, value_name = "M", value_parser = focus_m)]

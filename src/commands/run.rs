@@ -95,6 +95,10 @@ fn check_mesh_flags(args: &RunCommand) -> Result<()> {
     if mesh::is_of_mesh(args) {
         return Ok(());
     }
+    #[cfg(not(feature = "mesh"))]
+    if open::is_mesh(&args.job.chart) {
+        return Err(usage(formats::features::missing("mesh")));
+    }
     if args.mesh != MeshArgs::default() {
         return Err(usage(format!(
             "--camera, --eye, --sun and the other flags of meshes apply to .glb, .gltf, .obj and .ply; chart `{}` is none",

@@ -1,8 +1,8 @@
 //! `lenscube scene`: a mesh, as the pinhole of a lens sees it, becomes a scene: chart, distances and coverages of what is seen first and of what is hidden.
 //!
-//! Order, each before anything that a later step may change: the design in focus and the film within its field; the mesh with all of its files, its
-//! camera, materials and lights; size of the chart, memory; whether the camera stands inside something, by a coarse picture; the scene of another job; the
-//! disk. Then the scene is created or resumed, and its missing shards are made.
+//! Order, each before anything that a later step may change: the design in focus and the film within its field; the illuminant; the mesh with all of its
+//! files, its camera; memory; by a coarse picture whether the camera stands inside something, and how near surfaces are; materials and lights; the size of the
+//! chart; the disk; the scene of another job. Then the scene is created or resumed, and its missing shards are made.
 
 mod done;
 mod job;
@@ -29,10 +29,9 @@ pub fn command(args: &SceneArgs) -> Result<u8> {
     let assigned = light::assigned_spectra(args, &prepared)?;
     let appearance = light::appearance(args, &prepared, textures, &assigned)?;
     appearance.notes().iter().for_each(|note| log_line(format!("note: {note}")));
-    let seen = seen::Seen::new(args, &prepared, &appearance)?;
-    let job = job::SceneJob::new(args, &prepared, &appearance)?;
+    let job = job::SceneJob::new(args, &prepared, &appearance, &assigned)?;
     if args.info {
-        report::print_info(&prepared, &seen, &job);
+        report::print_info(&prepared, &job);
         return Ok(0);
     }
     make::scene(args, &prepared, &appearance, &job)

@@ -12,14 +12,14 @@ use crate::job::lens::UntracedLens;
 use crate::open::{self, Chart, ChartFlags, check_has_files};
 use crate::progress::log_line;
 use anyhow::Result;
-use formats::chart::NanPolicy;
+use formats::chart::{NanPolicy, SceneChart};
 use pipeline::geometry::Frame;
 use serde_json::Value;
 use std::path::Path;
 use std::sync::Once;
 
-/// Relative difference of focal lengths of one lens.
-const SAME_FOCAL_LENGTH: f64 = 1e-6;
+/// Relative difference of focal lengths or pitches that are the same.
+const SAME: f64 = 1e-6;
 
 /// Chart, lens and names of the surfaces' arrays: what is opened first.
 pub struct Opened {
@@ -100,11 +100,13 @@ impl Inputs {
         let scatter = JobScatter::new(args, &lens, &selected_nm)?;
         let lens = lens.with_bands_of(&all_nm, !surfaces.is_empty())?;
         let nodes = lens.depth_nodes(&args.lens, !surfaces.is_empty())?;
+        if let Chart::Scene(scene) = &chart {
+            check_scene(args, scene, lens.focal_mm_and_blur_um()?.0, &frame)?;
+        }
         let (depth, depth_notes) = match surfaces.is_empty() {
             true => (None, Vec::new()),
             false => {
                 let (focal_mm, blur_um) = lens.focal_mm_and_blur_um()?;
-                check_focal_length(args, &chart, focal_mm)?;
                 let facts = LensFacts { focal_mm, blur_px: blur_um / frame.pitch_um, nodes };
                 let request = DepthRequest::new(args);
                 let mut depth = Depth::open(&request, &surfaces, &frame, &all_nm, facts, &mut |_, _| ())?;
@@ -151,17 +153,31 @@ pub fn chosen_bands(text: &str, nm: &[f64]) -> Result<Vec<usize>> {
     Ok(chosen)
 }
 
-/// Fails if `chart` is a scene that was made for a lens of another focal length, in focus.
-fn check_focal_length(args: &RunArgs, chart: &Chart, focal_mm: f64) -> Result<()> {
-    match chart {
-        Chart::Scene(scene) if (scene.focal_mm() / focal_mm - 1.0).abs() > SAME_FOCAL_LENGTH => {
-            Err(usage(format!(
-                "scene `{}` was made for a lens of f_D = {:.6} mm, `{}` in focus has {focal_mm:.6} mm: give --lens, --focus-m and --gap as to \
-                 `lenscube scene`, or make the scene again for this lens",
-                args.chart,
-                scene.focal_mm(),
-                args.lens
-            )))
+/// Fails if `scene` was made for a lens of another focal length, in focus, or for another film.
+fn check_scene(args: &RunArgs, scene: &SceneChart, focal_mm: f64, frame: &Frame) -> Result<()> {
+    let other = |what: String| {
+        Err(usage(format!(
+            "scene `{}` was made for {what}: give --lens, --focus-m, --gap, --film-size and --film-pitch-um as to `lenscube scene`, or make the scene again",
+            args.chart
+        )))
+    };
+    let differs = |a: f64, b: f64| (a / b - 1.0).abs() > SAME;
+    if differs(scene.focal_mm(), focal_mm) {
+        let (was, lens) = (scene.focal_mm(), &args.lens);
+        return other(format!("a lens of f_D = {was:.6} mm, `{lens}` in focus has {focal_mm:.6} mm"));
+    }
+    if frame.scale != (1.0, 1.0) || frame.center_mm != (0.0, 0.0) {
+        return Err(usage(format!(
+            "scene `{}`: --scale, --fit, --chart-pitch-mm and --center do not apply to a scene, which the camera places",
+            args.chart
+        )));
+    }
+    if differs(scene.pitch_um(), frame.pitch_um) {
+        return other(format!("pixels of {} µm, the film has {} µm", scene.pitch_um(), frame.pitch_um));
+    }
+    match scene.film_size() {
+        Some(film) if frame.film.height > film.height || frame.film.width > film.width => {
+            other(format!("a film of {film} px, this one has {} px", frame.film))
         }
         _ => Ok(()),
     }

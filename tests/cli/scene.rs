@@ -265,7 +265,11 @@ fn what_cannot_be_is_refused_before_anything_is_written() {
         (&mesh, &[&lens, &unit], &["no camera", "--eye"]),
         (&mesh, &[&lens, &unit, &["--eye", "0,0,0", "--target", "0,0,1"]], &["before the camera"]),
         (&mesh, &[&lens, &unit, &["--eye", "0,0,0", "--target", "0,1,0"]], &["--up"]),
-        (&mesh, &[&lens, &unit, &["--eye", "0.2,0,-0.83", "--target", "0.2,0,0"]], &["inside or at", "Ball"]),
+        (
+            &mesh,
+            &[&lens, &unit, &["--eye", "0.2,0,-0.83", "--target", "0.2,0,0"]],
+            &["stands inside or at", "Ball"],
+        ),
         (
             &mesh,
             &[&lens, &unit, &looking, &["--material", "blue=x.csv"]],
@@ -292,7 +296,7 @@ fn what_cannot_be_is_refused_before_anything_is_written() {
         let words =
             [&["scene", text(&mesh), text(output), "--overwrite"], &lens[..], &unit, &looking].concat();
         let result = lenscube(&words);
-        assert!(result.code != 0, "{result:?}");
+        assert_error_line(&result, USAGE, &["SCENE", "which this command reads"]);
         assert_eq!(std::fs::read(output).unwrap(), before);
     }
 }
@@ -373,4 +377,54 @@ fn a_film_is_made_of_a_mesh_in_one_command() {
     let planned =
         lenscube(&["plan", text(&mesh), text(&place.at("p.zarr")), "-o", text(&place.at("job.json"))]);
     assert_error_line(&planned, USAGE, &["is a mesh", "lenscube scene"]);
+}
+
+/// A film is of the scene that it was made of: another light, or an edited mesh, is another job.
+#[test]
+fn a_film_of_another_mesh_or_light_is_another_job() {
+    let place = Place::new();
+    let (mesh, film) = (place.mesh(), place.at("film.zarr"));
+    let run = |sun: &str, film: &str| {
+        let words =
+            [&["run", text(&mesh), film], &VIEW[..], &["60x40", "--wavelengths", "550", "--sun", sun]]
+                .concat();
+        lenscube(&words)
+    };
+    run("30,40,50000", text(&film)).ok();
+    assert_exit(&run("30,40,50000", text(&film)), 0, &["nothing to do"]);
+    // The weights are doubled: files of the same names and, compressed, perhaps of the same sizes.
+    assert_exit(&run("30,40,100000", text(&film)), OTHER_JOB, &["belongs to another job"]);
+    std::fs::remove_dir_all(place.at("film.zarr.scene")).unwrap();
+    std::fs::write(place.at("room.mtl"), "newmtl grey\nKd 0.25 0.25 0.25\nnewmtl red\nKd 0.6 0 0\n").unwrap();
+    let slash = format!("{}/", text(&film));
+    assert_exit(&run("30,40,50000", &slash), OTHER_JOB, &["belongs to another job"]);
+    assert!(place.at("film.zarr.scene").exists() && !film.join(".scene").exists());
+    // A film that cannot be made is refused before the scene is.
+    let other = place.at("other.zarr");
+    std::fs::create_dir(&other).unwrap();
+    std::fs::write(other.join("zarr.json"), "{\"zarr_format\": 3, \"node_type\": \"group\"}").unwrap();
+    assert!(run("30,40,50000", text(&other)).code != 0);
+    assert!(!place.at("other.zarr.scene").exists());
+}
+
+/// A floor whose corners are behind the camera and far before it is seen nearer than any corner: the chart has the margin of its blur.
+#[test]
+fn surfaces_between_corners_count_for_the_margin() {
+    let place = Place::new();
+    let mut obj = Obj::default();
+    let corners = [[-20.0, -0.3, 2.0], [20.0, -0.3, 2.0], [20.0, -0.3, -30.0], [-20.0, -0.3, -30.0]];
+    let [a, b, c, d] = corners.map(|corner| obj.vertex(corner));
+    writeln!(obj.text, "f {a} {b} {c} {d}").unwrap();
+    let floor = place.at("floor.obj");
+    std::fs::write(&floor, obj.text).unwrap();
+    let overscan = |flags: &[&str]| {
+        let words = [&["scene", text(&floor), "--info"], &VIEW[..], &["600x600"], flags].concat();
+        let info = lenscube(&words).ok().stdout;
+        let line = info.lines().find(|line| line.contains("beyond the film")).unwrap().to_owned();
+        line.split("px, ").nth(1).unwrap().split(' ').next().unwrap().parse::<usize>().unwrap()
+    };
+    // The nearest point seen is about 0.3 / tan 24° = 0.67 m away.
+    assert!(overscan(&[]) >= overscan(&["--depths-m", "0.6:30"]) - 1, "{}", overscan(&[]));
+    let wrong = [&["scene", text(&floor), "--info"], &VIEW[..], &["600x600", "--depths-m", "5:30"]].concat();
+    assert_error_line(&lenscube(&wrong), USAGE, &["--depths-m", "is seen, nearer than 5.0000 m"]);
 }

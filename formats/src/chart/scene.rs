@@ -16,6 +16,7 @@ use super::error::ChartError;
 use super::open::split_array;
 use super::options::{ChartOptions, NanPolicy};
 use super::store::ChartStore;
+use crate::group::GroupError;
 use crate::scene::{SceneLight, SceneStore};
 
 /// Unit of its values.
@@ -35,6 +36,8 @@ pub struct SceneChart {
     pitch_um: f64,
     focal_mm: f64,
     sheets: usize,
+    /// Digest of all that determined its numbers.
+    job_digest: String,
     /// Error of the colours, of white, and the primary that has it.
     colour_error: (f64, &'static str),
 }
@@ -54,6 +57,14 @@ pub(super) fn is_scene(spec: &str) -> bool {
     split(spec).is_some_and(|(path, _)| SceneStore::is_one(path).unwrap_or(false))
 }
 
+/// The error of a store: of the disk or network, or of what the scene is.
+fn of_group(error: GroupError) -> ChartError {
+    match error {
+        GroupError::Storage(e) => e.into(),
+        e => ChartError::Usage(e.to_string()),
+    }
+}
+
 impl SceneChart {
     /// Opens the scene, or the hidden surface, that `spec` names.
     ///
@@ -68,9 +79,9 @@ impl SceneChart {
     ) -> Result<Self, ChartError> {
         let refused = |reason: &dyn std::fmt::Display| ChartError::Usage(format!("scene `{spec}`: {reason}"));
         let (path, sheet) = split(spec).ok_or_else(|| refused(&"expected SCENE or SCENE//hidden/1"))?;
-        let store = SceneStore::open(path, true).map_err(|e| ChartError::Usage(e.to_string()))?;
+        let store = SceneStore::open(path, true).map_err(of_group)?;
         let missing = store.missing(&store.spec().all_shards().collect::<Vec<_>>());
-        let missing = missing.map_err(|e| ChartError::Usage(e.to_string()))?;
+        let missing = missing.map_err(of_group)?;
         if let Some(first) = missing.first() {
             return Err(refused(&format!(
                 "{} of its files are missing, e.g. {}: it is not complete; finish it by the command that began it",
@@ -92,6 +103,8 @@ impl SceneChart {
         let attributes = store.attributes();
         let invalid = || refused(&"its attributes are not those of a scene; make it again with --overwrite");
         let light = SceneLight::from_attributes(attributes).ok_or_else(invalid)?;
+        let job_digest = attributes.get("provenance").and_then(|p| p["job_digest"].as_str());
+        let job_digest = job_digest.ok_or_else(invalid)?.to_owned();
         let focal_mm = attributes.get("focal_mm").and_then(Value::as_f64).ok_or_else(invalid)?;
         // Few bands cannot represent all colours: they have the nearest then, with a note.
         let Spectra { radiance, colour_error } =
@@ -121,6 +134,7 @@ impl SceneChart {
             pitch_um,
             focal_mm,
             sheets,
+            job_digest,
             colour_error,
         })
     }
@@ -166,12 +180,12 @@ impl SceneChart {
     }
 
     /// Pixel pitch in µm.
-    pub(super) fn pitch_um(&self) -> f64 {
+    pub fn pitch_um(&self) -> f64 {
         self.pitch_um
     }
 
     /// Size of the film that it was made for.
-    pub(super) fn film_size(&self) -> Option<Size> {
+    pub fn film_size(&self) -> Option<Size> {
         self.film_size
     }
 
@@ -201,8 +215,12 @@ impl SceneChart {
     pub(super) fn identity(&self) -> Result<(Value, Value), ChartError> {
         let identity = self.weights.identity()?;
         let light = self.light.attributes();
-        let content =
-            json!({ "scene": identity.content, "light": light, "wavelengths_nm": self.wavelengths_nm });
+        let content = json!({
+            "scene": identity.content,
+            "job_digest": self.job_digest,
+            "light": light,
+            "wavelengths_nm": self.wavelengths_nm,
+        });
         Ok((content, json!(identity.mtimes)))
     }
 }
@@ -222,7 +240,8 @@ impl ChartSource for SceneChart {
         Ok(())
     }
 
-    fn prefetch(&self, _band: usize, rect: Rect) {
-        (0..self.radiance.len()).for_each(|basis| self.weights.prefetch(basis, rect));
+    fn prefetch(&self, band: usize, rect: Rect) {
+        let needed = (0..self.radiance.len()).filter(|basis| self.radiance[*basis][band] != 0.0);
+        needed.for_each(|basis| self.weights.prefetch(basis, rect));
     }
 }

@@ -2,8 +2,7 @@
 //!
 //! ```json
 //! "bases": [{"reflectance": "red", "light": "illuminant"},
-//!           {"reflectance": {"name": "brick.csv", "wavelengths_nm": [400, 700], "values": [0.1, 0.3]}, "light": {"colour": [1, 0.9, 0.8]}},
-//!           {"reflectance": "one", "light": {"wavelengths_nm": [400, 550, 700], "band": 1}}],
+//!           {"reflectance": {"name": "brick.csv", "wavelengths_nm": [400, 700], "values": [0.1, 0.3]}, "light": {"colour": [1, 0.9, 0.8]}}],
 //! "illuminant": "D65" or {"name": …, "wavelengths_nm": …, "values": …}, "illuminance_lx": 1000
 //! ```
 
@@ -65,15 +64,11 @@ fn basis_json(basis: &Basis) -> Value {
         Reflectance::Red => json!("red"),
         Reflectance::Green => json!("green"),
         Reflectance::Blue => json!("blue"),
-        Reflectance::One => json!("one"),
         Reflectance::Named(spectrum) => spectrum_json(spectrum),
     };
     let light = match &basis.light {
         LightSpectrum::Illuminant => json!("illuminant"),
         LightSpectrum::Colour(linear) => json!({ "colour": linear }),
-        LightSpectrum::Band { wavelengths_nm, band } => {
-            json!({ "wavelengths_nm": wavelengths_nm, "band": band })
-        }
     };
     json!({ "reflectance": reflectance, "light": light })
 }
@@ -84,27 +79,16 @@ fn basis(value: &Value) -> Option<Basis> {
             "red" => Reflectance::Red,
             "green" => Reflectance::Green,
             "blue" => Reflectance::Blue,
-            "one" => Reflectance::One,
             _ => return None,
         },
         other => Reflectance::Named(spectrum(other, 1.0)?),
     };
     let light = match value.get("light")? {
         Value::String(kind) if kind == "illuminant" => LightSpectrum::Illuminant,
-        other => match other.get("colour") {
-            Some(linear) => {
-                let linear: [f64; 3] = serde_json::from_value(linear.clone()).ok()?;
-                linear.iter().all(|v| v.is_finite() && *v >= 0.0).then_some(LightSpectrum::Colour(linear))?
-            }
-            None => {
-                let wavelengths_nm: Vec<f64> =
-                    serde_json::from_value(other.get("wavelengths_nm")?.clone()).ok()?;
-                let band = usize::try_from(other.get("band")?.as_u64()?).ok()?;
-                let increases = wavelengths_nm.is_sorted_by(|a, b| a < b);
-                (increases && band < wavelengths_nm.len())
-                    .then_some(LightSpectrum::Band { wavelengths_nm, band })?
-            }
-        },
+        other => {
+            let linear: [f64; 3] = serde_json::from_value(other.get("colour")?.clone()).ok()?;
+            linear.iter().all(|v| v.is_finite() && *v >= 0.0).then_some(LightSpectrum::Colour(linear))?
+        }
     };
     Some(Basis { reflectance, light })
 }
@@ -124,8 +108,6 @@ mod tests {
             .map(|r| Basis { reflectance: r.clone(), light: LightSpectrum::Illuminant })
             .collect();
         bases.push(Basis { reflectance: Reflectance::Red, light: LightSpectrum::Colour([1.0, 0.5, 0.25]) });
-        let band = LightSpectrum::Band { wavelengths_nm: vec![400.0, 550.0], band: 1 };
-        bases.push(Basis { reflectance: Reflectance::One, light: band });
         for illuminant in [SceneIlluminant::Cie(Illuminant::A), SceneIlluminant::Measured(lamp)] {
             let light = SceneLight { bases: bases.clone(), illuminant, illuminance_lx: 1000.0 };
             assert_eq!(SceneLight::from_attributes(&light.attributes()), Some(light));
@@ -152,7 +134,6 @@ mod tests {
                 json!({"name": "a", "wavelengths_nm": [500, 400], "values": [0.5, 0.5]}),
             ),
             ("/bases/0/light", json!({"colour": [1, 2]})),
-            ("/bases/0/light", json!({"wavelengths_nm": [400, 500], "band": 2})),
             ("/illuminant", json!("D66")),
             ("/illuminance_lx", json!(-1.0)),
         ] {

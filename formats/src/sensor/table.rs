@@ -13,8 +13,10 @@ const MAX_ROWS: usize = 100_000;
 /// What the values of a column are.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub(super) enum Quantity {
-    /// A share, 0 to 1.
+    /// A share, 0 to 1, above 0 somewhere.
     Share(&'static str),
+    /// A reflectance, 0 to 1.
+    Reflectance,
     /// Relative response per unit of energy, not negative.
     Response,
 }
@@ -57,11 +59,12 @@ pub(super) fn curve(path: &Path, text: &str, column: &str, quantity: Quantity) -
             )));
         }
         match quantity {
-            Quantity::Share(what) if !(0.0..=1.0).contains(&value) => {
+            Quantity::Share(_) | Quantity::Reflectance if !(0.0..=1.0).contains(&value) => {
                 let percent =
                     if value > 1.0 && value <= 100.0 { "; did you mean percent? Divide by 100" } else { "" };
                 return Err(fail(format!(
-                    "line {line}, column {column}: expected a {what} from 0 to 1, found {value}{percent}"
+                    "line {line}, column {column}: expected a {} from 0 to 1, found {value}{percent}",
+                    if let Quantity::Share(what) = quantity { what } else { "reflectance" }
                 )));
             }
             // Interpolated tables of observers reach -1e-21.
@@ -81,7 +84,7 @@ pub(super) fn curve(path: &Path, text: &str, column: &str, quantity: Quantity) -
     if curve.values.len() < 2 {
         return Err(fail(format!("expected two rows of numbers or more, found {}", curve.values.len())));
     }
-    if curve.values.iter().all(|v| *v == 0.0) {
+    if quantity != Quantity::Reflectance && curve.values.iter().all(|v| *v == 0.0) {
         return Err(fail(format!("column {column}: expected a value above 0, found none")));
     }
     Ok(curve)

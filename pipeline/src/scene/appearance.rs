@@ -98,23 +98,13 @@ impl<T: Triangles> Appearance<'_, T> {
         self.background != Background::None
     }
 
-    /// Adds the weights of the background in direction (x, y, 1) to `sums`, one per basis.
-    pub fn add_background(&self, x: f64, y: f64, sums: &mut [f64]) {
+    /// Adds the weights of the background to `sums`, one per basis.
+    pub fn add_background(&self, sums: &mut [f64]) {
         let unit = self.lighting.weight_of_luminance();
         match self.background {
             Background::None => {}
             Background::Luminance(cd_per_m2) => {
                 sums[..COLOURS].iter_mut().for_each(|w| *w += unit * cd_per_m2)
-            }
-            Background::Environment => {
-                let Some(map) = self.lighting.environment() else { return };
-                let mut seen = vec![0.0; map.channels()];
-                map.add_background([x, y, 1.0], &mut seen);
-                let (first, unit) = match map.is_spectral() {
-                    true => (self.bases.len() - seen.len(), 1.0),
-                    false => (0, unit),
-                };
-                sums[first..].iter_mut().zip(seen).for_each(|(w, v)| *w += unit * v);
             }
         }
     }

@@ -3,6 +3,7 @@
 //! Positions are in units of the file: glTF is in metres with +Y up, OBJ and PLY state no unit. Matrices are rows; a column vector
 //! (x, y, z, 1) is multiplied from the right. Colours are linear. Readers of files are in the package `formats`.
 
+use std::collections::HashSet;
 use std::sync::Arc;
 
 /// All that a file describes.
@@ -20,6 +21,16 @@ pub struct Scene {
     pub lights: Vec<Light>,
     /// What the file holds and a scene leaves out, one sentence each, without a full stop.
     pub notes: Vec<String>,
+}
+
+impl Scene {
+    /// Bytes of its geometry, each once, and of its textures.
+    pub fn bytes(&self) -> usize {
+        let mut counted = HashSet::new();
+        let once = self.parts.iter().filter(|part| counted.insert(Arc::as_ptr(&part.geometry)));
+        let geometry: usize = once.map(|part| part.geometry.bytes()).sum();
+        geometry + self.textures.iter().map(|texture| size_of_val(&texture.texels[..])).sum::<usize>()
+    }
 }
 
 /// One instance of a primitive.

@@ -1,4 +1,4 @@
-//! Light on a surface: sun, sky, lights of the file, environment, with shadows.
+//! Light on a surface: sun, sky, lights of the file, with shadows.
 //!
 //! ```text
 //! w_l = Σ_sources (E_i/E_v)·max(0, n·l_i)·vis_i  +  1/M Σ_m (E_sky/E_v + π L_env(d_m)/E_v)·vis_m
@@ -17,7 +17,6 @@ pub mod shadow;
 pub use directions::cosine_directions;
 pub use request::{LightError, LightRequest, Sun};
 
-use super::environment::Environment;
 use super::vector::{dot, scaled};
 use super::weights::LightSpectrum;
 use directions::tangents;
@@ -70,8 +69,6 @@ pub struct Lighting {
     sources: Vec<(Source, usize)>,
     /// E_sky/E_v.
     sky: f64,
-    /// With the number of its first spectrum.
-    environment: Option<(Environment, usize)>,
     directions: Vec<[f64; 3]>,
     is_even: bool,
 }
@@ -84,7 +81,6 @@ impl Lighting {
             spectra: vec![LightSpectrum::Illuminant],
             sources: Vec::new(),
             sky: 0.0,
-            environment: None,
             directions: Vec::new(),
             is_even: true,
         }
@@ -103,11 +99,6 @@ impl Lighting {
     /// Weight of a luminance of 1 cd/m² in the basis of the illuminant: π/E_v.
     pub fn weight_of_luminance(&self) -> f64 {
         std::f64::consts::PI / self.illuminance_lx
-    }
-
-    /// The map that lights the scene.
-    pub fn environment(&self) -> Option<&Environment> {
-        self.environment.as_ref().map(|(map, _)| map)
     }
 
     /// Rays to sources from one place.
@@ -158,7 +149,6 @@ impl Lighting {
     fn add_sky(&self, site: &Site, mut is_blocked: impl FnMut(&ShadowRay) -> bool, sums: &mut [f64]) {
         let [t, b] = tangents(site.shading);
         let mut open = 0usize;
-        let mut seen = vec![0.0; self.environment.as_ref().map_or(0, |(map, _)| map.channels())];
         for d in &self.directions {
             let direction: [f64; 3] =
                 std::array::from_fn(|k| d[0] * t[k] + d[1] * b[k] + d[2] * site.shading[k]);
@@ -167,18 +157,8 @@ impl Lighting {
                 continue;
             }
             open += 1;
-            if let Some((map, _)) = &self.environment {
-                map.add_light(direction, &mut seen);
-            }
         }
-        let m = self.directions.len() as f64;
-        sums[0] += self.sky * (open as f64 / m);
-        if let Some((map, first)) = &self.environment {
-            let unit = if map.is_spectral() { 1.0 } else { self.weight_of_luminance() };
-            for (sum, seen) in sums[*first..].iter_mut().zip(seen) {
-                *sum += unit * (seen / m);
-            }
-        }
+        sums[0] += self.sky * (open as f64 / self.directions.len() as f64);
     }
 }
 

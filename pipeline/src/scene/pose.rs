@@ -9,6 +9,7 @@
 //! R the rows right, down, forward. The products R u A and R (u t − eye) are computed once per primitive, so the position of the file's origin
 //! costs no precision. The result is rounded to f32 once.
 
+use super::vector::{cross, dot, length, sub, unit};
 use std::fmt;
 
 /// Place and axes of the camera, in metres of the world.
@@ -121,29 +122,6 @@ impl Pose {
 pub fn to_camera(rows: &[[f64; 4]; 3], p: [f64; 3]) -> [f32; 3] {
     // The sum with 0 makes 0 of −0.
     rows.map(|row| (((row[0] * p[0] + row[1] * p[1]) + row[2] * p[2]) + row[3]) as f32 + 0.0)
-}
-
-pub(super) fn sub(a: [f64; 3], b: [f64; 3]) -> [f64; 3] {
-    [a[0] - b[0], a[1] - b[1], a[2] - b[2]]
-}
-
-pub(super) fn dot(a: [f64; 3], b: [f64; 3]) -> f64 {
-    (a[0] * b[0] + a[1] * b[1]) + a[2] * b[2]
-}
-
-/// a × b. Of f32 values it has one rounding a component, and cross(b, a) = −cross(a, b).
-#[inline(always)]
-pub(super) fn cross(a: [f64; 3], b: [f64; 3]) -> [f64; 3] {
-    [a[1] * b[2] - a[2] * b[1], a[2] * b[0] - a[0] * b[2], a[0] * b[1] - a[1] * b[0]]
-}
-
-pub(super) fn length(a: [f64; 3]) -> f64 {
-    dot(a, a).sqrt()
-}
-
-fn unit(a: [f64; 3]) -> Option<[f64; 3]> {
-    let l = length(a);
-    (l > 0.0 && l.is_finite()).then(|| a.map(|v| v / l))
 }
 
 #[cfg(test)]

@@ -205,8 +205,6 @@ pub enum Reflectance {
     Blue,
     /// A named spectrum.
     Named(Spectrum),
-    /// 1: light that no surface reflects, such as a background.
-    One,
 }
 
 /// A spectrum of light that falls on surfaces.
@@ -216,13 +214,6 @@ pub enum LightSpectrum {
     Illuminant,
     /// The illuminant times the reflectance of a linear colour.
     Colour([f64; 3]),
-    /// That of a spectral picture whose radiance is 1 W m⁻² sr⁻¹ nm⁻¹ in one band, s = π there: linear to 0 at the next bands, and 0 beyond the last.
-    Band {
-        /// Increasing wavelengths of all bands.
-        wavelengths_nm: Vec<f64>,
-        /// Number of the band.
-        band: usize,
-    },
 }
 
 /// A basis: the radiance of a surface of some reflectance in some light, for the weight 1.
@@ -235,14 +226,13 @@ pub struct Basis {
 }
 
 impl Basis {
-    /// Kind of its reflectance: `red`, `green`, `blue`, `spectrum` or `light`.
+    /// Kind of its reflectance: `red`, `green`, `blue` or `spectrum`.
     pub fn kind(&self) -> &'static str {
         match self.reflectance {
             Reflectance::Red => "red",
             Reflectance::Green => "green",
             Reflectance::Blue => "blue",
             Reflectance::Named(_) => "spectrum",
-            Reflectance::One => "light",
         }
     }
 
@@ -253,27 +243,18 @@ impl Basis {
             _ => self.kind(),
         }
     }
-
-    /// Wavelengths in nm and values of the reflectance's spectrum; empty for those that follow from the bands of a run.
-    pub fn values(&self) -> (&[f64], &[f64]) {
-        match &self.reflectance {
-            Reflectance::Named(spectrum) => (spectrum.wavelengths_nm(), spectrum.values()),
-            _ => (&[], &[]),
-        }
-    }
 }
 
-/// The bases of a scene: every pair of a reflectance and a light, and then the lights of a spectral background. That of reflectance `r` in light `l` is number
+/// The bases of a scene: every pair of a reflectance and a light. That of reflectance `r` in light `l` is number
 /// l·(3 + spectra) + r; the first three are red, green and blue in the illuminant.
-pub fn bases(spectra: &[Spectrum], lights: &[LightSpectrum], background: &[LightSpectrum]) -> Vec<Basis> {
+pub fn bases(spectra: &[Spectrum], lights: &[LightSpectrum]) -> Vec<Basis> {
     let colours = [Reflectance::Red, Reflectance::Green, Reflectance::Blue];
     let reflectances: Vec<Reflectance> =
         colours.into_iter().chain(spectra.iter().cloned().map(Reflectance::Named)).collect();
-    let mut all = Vec::with_capacity(reflectances.len() * lights.len() + background.len());
+    let mut all = Vec::with_capacity(reflectances.len() * lights.len());
     for light in lights {
         all.extend(reflectances.iter().map(|r| Basis { reflectance: r.clone(), light: light.clone() }));
     }
-    all.extend(background.iter().map(|l| Basis { reflectance: Reflectance::One, light: l.clone() }));
     all
 }
 

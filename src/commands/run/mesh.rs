@@ -4,9 +4,13 @@
 
 use crate::args::{PlacementArgs, RunArgs, RunCommand, SceneArgs};
 use crate::commands::scene;
-use crate::failure::usage;
+use crate::failure::{other_job, usage};
+use crate::job::arguments::Arguments;
+use crate::open::check_has_files;
 use crate::progress::log_line;
 use anyhow::Result;
+use formats::durable::{Store, link_target};
+use formats::film::FilmStore;
 use formats::mesh::is_mesh;
 use formats::scene::SceneStore;
 use std::path::{Path, PathBuf};
@@ -18,9 +22,9 @@ pub fn is_of_mesh(args: &RunCommand) -> bool {
 
 /// Path of the scene of the film `film`.
 pub fn scene_path(film: &Path) -> PathBuf {
-    let mut path = film.as_os_str().to_owned();
-    path.push(".scene");
-    path.into()
+    // `film.zarr/` is `film.zarr`.
+    let name = film.to_string_lossy();
+    PathBuf::from(format!("{}.scene", name.trim_end_matches('/')))
 }
 
 /// Makes the scene of the mesh of `args`, calls `run` with the job of its film, and removes the scene when the film is complete; the exit code.
@@ -29,18 +33,29 @@ pub fn scene_path(film: &Path) -> PathBuf {
 /// Flags that do not fit a mesh; those of the scene and of the film.
 pub fn run(args: &RunCommand, run: impl FnOnce(&RunArgs) -> Result<u8>) -> Result<u8> {
     let out = scene_path(&args.job.film);
+    // What the film would be refused for.
+    Arguments::resolve(&args.job, true)?;
+    if !args.job.process.overwrite && Store::at(&link_target(&args.job.film))?.exists()? {
+        FilmStore::open(&args.job.film, true).map_err(|e| other_job(e.to_string()))?;
+    }
+    if let Some(nm) = &args.job.wavelengths {
+        pipeline::wavelengths::parse(nm).map_err(|e| usage(format!("--wavelengths: {e}")))?;
+    }
+    if args.job.check_input {
+        check_has_files(&out)?;
+    }
     match scene::command(&scene_args(args, &out)?)? {
         0 => {}
         code => return Ok(code),
     }
     let mut job = args.job.clone();
     job.chart = out.display().to_string();
-    job.trust_input = !job.check_input;
+    job.trust_input |= !job.check_input;
     let code = run(&job)?;
-    if code == 0 && !args.mesh.keep_scene {
-        SceneStore::remove(&out)?;
-    } else {
+    if code != 0 || args.mesh.keep_scene {
         log_line(format!("the scene is {}", out.display()));
+    } else if let Err(e) = SceneStore::remove(&out) {
+        log_line(format!("note: the film is complete; its scene remains: {e}"));
     }
     Ok(code)
 }
@@ -50,7 +65,7 @@ fn scene_args(args: &RunCommand, out: &Path) -> Result<SceneArgs> {
     let RunCommand { job, mesh, .. } = args;
     if args.dry_run {
         return Err(usage(format!(
-            "--dry-run: the film of a mesh follows its scene: `lenscube scene {} --info` tells its size and cost",
+            "--dry-run: the film of a mesh follows its scene: `lenscube scene {} --info` prints its size and cost",
             job.chart
         )));
     }
@@ -69,6 +84,11 @@ fn scene_args(args: &RunCommand, out: &Path) -> Result<SceneArgs> {
         ("--axes", job.axes.is_some()),
         ("--chart-scale", job.chart_scale.is_some()),
         ("--depth", job.surfaces.depth.is_some()),
+        ("--depth-unit", job.surfaces.depth_unit.is_some()),
+        ("--depth-kind", job.surfaces.depth_kind.is_some()),
+        ("--depth-miss", job.surfaces.depth_miss.is_some()),
+        ("--depth-edges", job.surfaces.depth_edges.is_some()),
+        ("--coverage-light", job.surfaces.coverage_light.is_some()),
         ("--hidden", !job.surfaces.hidden.is_empty()),
     ];
     if let Some((flag, _)) = placed.iter().find(|(_, given)| *given) {

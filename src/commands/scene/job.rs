@@ -2,13 +2,14 @@
 
 use super::light::illuminant;
 use super::prepared::Prepared;
-use crate::args::{LightsArg, ReachArg, SceneArgs, SolidsArg};
+use crate::args::{LightsArg, MissingTextures, ReachArg, SceneArgs, SolidsArg};
 use crate::failure::usage;
 use crate::film::digest;
 use anyhow::Result;
 use formats::object;
 use formats::scene::{SceneLight, SceneSpec};
-use pipeline::scene::appearance::Appearance;
+use pipeline::scene::appearance::{Appearance, Assigned};
+use pipeline::scene::horizon::UpAxis;
 use pipeline::scene::mesh::Mesh;
 use pipeline::scene::shading::Shader;
 use pipeline::scene::sheets::{Background, Settings};
@@ -36,7 +37,12 @@ impl SceneJob {
     ///
     /// # Errors
     /// An illuminant that is not known or invisible.
-    pub fn new(args: &SceneArgs, prepared: &Prepared, appearance: &Appearance<'_, Mesh>) -> Result<Self> {
+    pub fn new(
+        args: &SceneArgs,
+        prepared: &Prepared,
+        appearance: &Appearance<'_, Mesh>,
+        assigned: &[Assigned],
+    ) -> Result<Self> {
         let pinhole = &prepared.pinhole;
         let light = SceneLight {
             bases: appearance.list_of_bases().to_vec(),
@@ -65,7 +71,7 @@ impl SceneJob {
             Some(ReachArg::Pixels(px)) => Some(px),
             Some(ReachArg::All) => None,
         };
-        let identity = identity(args, prepared, &light, &settings, reach_px);
+        let identity = identity(args, prepared, assigned, &light, &settings, reach_px);
         let attributes = attributes(args, prepared, &light, &settings);
         Ok(Self { identity, spec, settings, reach_px, light, attributes })
     }
@@ -117,7 +123,7 @@ fn check_visible(light: &SceneLight) -> Result<()> {
 fn settings(args: &SceneArgs, prepared: &Prepared, appearance: &Appearance<'_, Mesh>) -> Settings {
     let background = appearance.has_background().then(|| {
         let mut weights = vec![0.0; appearance.bases()];
-        appearance.add_background(0.0, 0.0, &mut weights);
+        appearance.add_background(&mut weights);
         Background { vergence: args.look.background_m.map_or(0.0, |m| 1.0 / m), weights }
     });
     Settings {
@@ -133,6 +139,7 @@ fn settings(args: &SceneArgs, prepared: &Prepared, appearance: &Appearance<'_, M
 fn identity(
     args: &SceneArgs,
     prepared: &Prepared,
+    assigned: &[Assigned],
     light: &SceneLight,
     settings: &Settings,
     reach_px: Option<usize>,
@@ -146,7 +153,7 @@ fn identity(
         "rules": RULES,
         "sources": sources,
         "unit_m": prepared.unit_m,
-        "up_axis": format!("{:?}", prepared.up).to_lowercase(),
+        "up_axis": if prepared.up == UpAxis::Y { "y" } else { "z" },
         "eye": prepared.pose.eye,
         "right": prepared.pose.right,
         "down": prepared.pose.down,
@@ -162,8 +169,8 @@ fn identity(
         "near_m": settings.is_near_cut.then_some(settings.near_m),
         "solids": args.surfaces.solids == SolidsArg::Auto,
         "two_sided": args.surfaces.two_sided,
-        "materials": args.look.material,
-        "missing_textures": format!("{:?}", args.look.missing_textures).to_lowercase(),
+        "materials": assigned.iter().map(|a| json!([a.materials, a.times_texture])).collect::<Vec<_>>(),
+        "missing_textures_grey": args.look.missing_textures == MissingTextures::Grey,
         "sun": sun,
         "sky_lx": args.look.sky,
         "sky_samples": args.look.sky.map(|_| args.look.sky_samples),

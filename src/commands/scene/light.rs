@@ -1,6 +1,6 @@
 //! What surfaces look like: materials with their spectra, textures, and the light of the scene.
 
-use super::prepared::Prepared;
+use super::prepared::{Prepared, check_memory};
 use crate::args::{BackgroundArg, SceneArgs};
 use crate::failure::usage;
 use anyhow::{Context, Result};
@@ -9,6 +9,7 @@ use pipeline::colour::Illuminant;
 use pipeline::scene::appearance::{Appearance, AppearanceRequest, Assigned, Background, materials_named};
 use pipeline::scene::description::Light;
 use pipeline::scene::horizon::Horizon;
+use pipeline::scene::light::shadow::BUILD_BYTES_PER_TRIANGLE;
 use pipeline::scene::light::{LightRequest, Lighting, Sun};
 use pipeline::scene::mesh::Mesh;
 use pipeline::scene::texture::Pyramid;
@@ -27,6 +28,9 @@ pub fn appearance<'a>(
     assigned: &'a [Assigned],
 ) -> Result<Appearance<'a, Mesh>> {
     let lighting = lighting(args, prepared)?;
+    if args.look.background == BackgroundArg::None && args.look.background_m.is_some() {
+        return Err(usage("--background-m is the distance of --background, which is none"));
+    }
     let background = match args.look.background {
         BackgroundArg::None => Background::None,
         BackgroundArg::Luminance(luminance) => Background::Luminance(luminance),
@@ -43,6 +47,10 @@ pub fn appearance<'a>(
         lighting,
         background,
     };
+    if request.lighting.rays_per_site() > 0 {
+        let boxes = prepared.mesh.facts().triangles * BUILD_BYTES_PER_TRIANGLE;
+        check_memory(&prepared.limit, prepared.bytes() + boxes, "the mesh with the boxes of its shadows")?;
+    }
     Appearance::new(request).with_context(|| format!("mesh {}", args.mesh.display()))
 }
 
@@ -51,6 +59,10 @@ pub fn appearance<'a>(
 /// # Errors
 /// A picture without texels.
 pub fn textures(prepared: &mut Prepared) -> Result<Vec<Pyramid>> {
+    let levels: usize =
+        prepared.scene.textures.iter().map(|texture| Pyramid::bytes_of(texture.texels.len(), true)).sum();
+    let mesh = prepared.bytes();
+    check_memory(&prepared.limit, mesh + levels, "the mesh with the levels of its textures")?;
     let pictures = std::mem::take(&mut prepared.scene.textures);
     Ok(pictures.into_iter().map(Pyramid::new).collect::<Result<_, _>>()?)
 }
@@ -120,7 +132,6 @@ fn lighting(args: &SceneArgs, prepared: &Prepared) -> Result<Lighting> {
         sky_lx: look.sky,
         lights,
         unit_m: prepared.unit_m,
-        environment: None,
         sky_samples: look.sky_samples,
     };
     let horizon = Horizon::new(&prepared.pose, prepared.up);

@@ -40,7 +40,9 @@ pub fn scene(
         Renderer::new(&prepared.mesh, prepared.frame, appearance, job.settings.clone(), Engine::detect())
             .map_err(|e| usage(e.to_string()))?;
     let budget = Budget::new(prepared, appearance, &renderer, job)?;
-    report::check_space(out, job, args.force)?;
+    if args.overwrite || !Store::at(&link_target(out))?.exists()? {
+        report::check_space(out, job, args.force)?;
+    }
     interrupt::listen();
     let store = open(args, job, out)?;
     let all: Vec<SceneShard> = store.spec().all_shards().collect();
@@ -62,8 +64,8 @@ pub fn scene(
     if missing.len() < all.len() {
         log_line(format!("resuming {}: {} of {} shards to make", out.display(), missing.len(), all.len()));
     }
-    let making = Making::new(&renderer, &store, job, prepared.threads, budget);
-    let outcome = making.shards(&missing);
+    let run = SceneRun::new(&renderer, &store, job, prepared.threads, budget);
+    let outcome = run.shards(&missing);
     let outcome = outcome.and_then(|done| store.group().check_in_place().map(|()| done).map_err(Into::into));
     report::write_record(&store, &outcome, prepared, start);
     let done = outcome?;
@@ -147,8 +149,9 @@ impl Budget {
     ) -> Result<Self> {
         let fixed =
             prepared.bytes() + appearance.bytes() + renderer.bytes() + prepared.threads * THREAD_BYTES;
-        let shard = job.spec.shard_shape().pixels() * job.plane_bytes() * (job.spec.sheets - 1).max(1);
-        let needed = fixed + shard;
+        let shard = job.spec.shard_shape().pixels() * job.plane_bytes() * job.spec.sheets;
+        let row = renderer.grid().across() * TILE_PX * TILE_PX * job.plane_bytes();
+        let needed = fixed + shard + row;
         let left = (prepared.limit.bytes as usize).checked_sub(needed).ok_or_else(|| {
             prepared.limit.too_small(format!(
                 "the mesh with its textures and lists takes {}, one shard of {} surfaces {}",
@@ -162,7 +165,7 @@ impl Budget {
 }
 
 /// The work on missing shards.
-struct Making<'a> {
+struct SceneRun<'a> {
     renderer: &'a Renderer<'a>,
     store: &'a SceneStore,
     spec: &'a SceneSpec,
@@ -187,7 +190,7 @@ struct Tiles {
 /// The surfaces of a tile, the one seen first at first; of hidden ones without pixels nothing is kept.
 type TileSheets = (Sheet, Vec<Option<Sheet>>);
 
-impl<'a> Making<'a> {
+impl<'a> SceneRun<'a> {
     fn new(
         renderer: &'a Renderer<'a>,
         store: &'a SceneStore,
@@ -395,7 +398,13 @@ impl<'a> Making<'a> {
         let (first_y, first_x) = (top - rect.y as usize, left - rect.x as usize);
         for (y, line) in plane.chunks_exact(width).enumerate() {
             let to = &mut pixels[(first_y + y) * rect.width + first_x..][..width];
-            to.iter_mut().zip(line).for_each(|(to, v)| *to = v.min(FAR_M));
+            match shard.plane {
+                // Infinity alone: what is not a number is refused where it is encoded.
+                Plane::Depth => {
+                    to.iter_mut().zip(line).for_each(|(to, v)| *to = if *v > FAR_M { FAR_M } else { *v })
+                }
+                Plane::Weight(_) | Plane::Coverage => to.copy_from_slice(line),
+            }
         }
     }
 

@@ -1,10 +1,13 @@
 //! The mesh before the camera of a lens, and the frame of the chart.
 
+use super::light::illuminant;
+use super::seen::Seen;
 use crate::args::{MeshUnit, MissingTextures, SceneArgs, SolidsArg, UpAxisArg};
 use crate::design;
 use crate::failure::usage;
 use crate::machine::{MAX_DEFAULT, MemoryLimit, threads};
 use crate::outputs::Guard;
+use crate::progress::mib;
 use anyhow::{Context, Result};
 use formats::mesh::{self, Limits, MeshError, SourceFile};
 use pipeline::design::pinhole::Pinhole;
@@ -19,6 +22,11 @@ use std::path::PathBuf;
 const NEAR_FOCAL_LENGTHS: f64 = 10.0;
 /// Difference of the file's field of view and the film's, relative, from which on it is told.
 const OTHER_FIELD: f64 = 0.01;
+
+/// Share by which a vergence may exceed that of `--depths-m`.
+const NEARER: f64 = 0.02;
+/// Bytes of a triangle while the mesh is placed before the camera, its vertices included.
+const TRIANGLE_BYTES: usize = 72;
 
 /// What a scene is made of.
 pub struct Prepared {
@@ -48,6 +56,8 @@ pub struct Prepared {
     pub threads: usize,
     /// Number of textures.
     pub textures: usize,
+    /// Share of the chart in which there is a surface.
+    pub covered: f64,
     /// Notes to print.
     pub notes: Vec<String>,
 }
@@ -67,6 +77,7 @@ impl Prepared {
         let near_m = args.view.near_m.unwrap_or(NEAR_FOCAL_LENGTHS * focal_mm * 1e-3);
         let limit = MemoryLimit::new(args.memory, MAX_DEFAULT);
         let (unit_m, up) = unit_and_axis(args)?;
+        illuminant(args)?;
         let limits = Limits {
             allow_paths: args.look.allow_path.clone(),
             missing_textures_grey: args.look.missing_textures == MissingTextures::Grey,
@@ -79,6 +90,9 @@ impl Prepared {
         check_outputs(args, &sources)?;
         let mut notes = std::mem::take(&mut scene.notes);
         let (pose, camera) = pose(args, &scene, unit_m, up)?;
+        let read: usize = scene.bytes();
+        let triangles: usize = scene.parts.iter().map(|part| part.geometry.triangles.len()).sum();
+        check_memory(&limit, read + triangles * TRIANGLE_BYTES, "the mesh with its textures")?;
         let options = MeshOptions {
             unit_m,
             solids: args.surfaces.solids == SolidsArg::Auto,
@@ -89,7 +103,17 @@ impl Prepared {
         let facts = mesh.facts();
         let range = args.depths_m.unwrap_or((1.0 / facts.farthest_m, 1.0 / facts.nearest_m.max(near_m)));
         let range = (range.0.min(range.1), range.1);
-        let pinhole = pinhole(Some(range))?;
+        // What lies between corners, such as a floor below the camera, may be seen nearer than any of them.
+        let coarse = Seen::new(args, &mesh, &scene.parts, &pinhole(Some(range))?, near_m)?;
+        let nearest = coarse.nearest_vergence.max(range.1);
+        if args.depths_m.is_some() && nearest > range.1 * (1.0 + NEARER) {
+            return Err(usage(format!(
+                "--depths-m: a surface at {:.4} m is seen, nearer than {:.4} m; give the nearest distance",
+                1.0 / nearest,
+                1.0 / range.1
+            )));
+        }
+        let pinhole = pinhole(Some((range.0, nearest)))?;
         if facts.degenerate > 0 {
             notes.push(format!(
                 "{} of {} triangles have two equal corners and are left out",
@@ -121,6 +145,7 @@ impl Prepared {
             limit,
             threads,
             textures,
+            covered: coarse.covered,
             notes,
             scene,
         })
@@ -128,12 +153,23 @@ impl Prepared {
 
     /// Bytes of the mesh, as the file has it and before the camera.
     pub fn bytes(&self) -> usize {
-        self.mesh.bytes() + self.scene.parts.iter().map(|part| part.geometry.bytes()).sum::<usize>()
+        self.mesh.bytes() + self.scene.bytes()
     }
 
     /// Blur radius per dioptre in chart pixels.
     pub fn blur_px(&self) -> f64 {
         self.pinhole.blur_um / self.pinhole.pitch_um
+    }
+}
+
+/// Fails if `what` takes more than the limit of memory.
+///
+/// # Errors
+/// Usage.
+pub fn check_memory(limit: &MemoryLimit, bytes: usize, what: &str) -> Result<()> {
+    match bytes as u64 > limit.bytes {
+        true => Err(limit.too_small(format!("{what} takes {}", mib(bytes)))),
+        false => Ok(()),
     }
 }
 
@@ -143,6 +179,11 @@ fn unit_and_axis(args: &SceneArgs) -> Result<(f64, UpAxis)> {
         None | Some(UpAxisArg::Y) => UpAxis::Y,
         Some(UpAxisArg::Z) => UpAxis::Z,
     };
+    std::fs::metadata(&args.mesh).with_context(|| format!("mesh {}", args.mesh.display()))?;
+    if !mesh::is_mesh(&args.mesh) {
+        // Refused by its name when it is read.
+        return Ok((1.0, axis));
+    }
     let given = [("--mesh-unit", args.view.mesh_unit.is_some()), ("--up-axis", args.view.up_axis.is_some())];
     match (mesh::is_gltf(&args.mesh), args.view.mesh_unit) {
         (true, _) => match given.iter().find(|(_, given)| *given) {
@@ -210,7 +251,15 @@ fn pose<'a>(
         }
         (Some(given), all) => {
             let by_number = given.parse::<usize>().ok().and_then(|n| all.get(n));
-            let named = all.iter().find(|camera| camera.name == *given).or(by_number);
+            let mut of_name = all.iter().filter(|camera| camera.name == *given);
+            let (first, second) = (of_name.next(), of_name.next());
+            if second.is_some() {
+                return Err(usage(format!(
+                    "--camera {given}: several cameras have this name; give the number: {}",
+                    listed()
+                )));
+            }
+            let named = first.or(by_number);
             named.ok_or_else(|| {
                 usage(format!("--camera {given}: {} has no such camera; {}", args.mesh.display(), listed()))
             })?

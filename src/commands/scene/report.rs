@@ -3,7 +3,6 @@
 use super::done::Done;
 use super::job::SceneJob;
 use super::prepared::Prepared;
-use super::seen::Seen;
 use crate::failure::{Coded, code};
 use crate::machine::{free_space, peak_resident};
 use crate::progress::{duration, log_line, mib, plural, print};
@@ -13,6 +12,7 @@ use formats::scene::SceneStore;
 use pipeline::scene::appearance::Appearance;
 use pipeline::scene::description::{AlphaMode, Material};
 use pipeline::scene::mesh::Mesh;
+use pipeline::scene::visibility::MAX_HITS;
 use serde_json::json;
 use std::path::Path;
 use std::time::{Instant, SystemTime};
@@ -62,11 +62,11 @@ pub fn print_materials(prepared: &Prepared) {
 }
 
 /// Prints what the mesh holds and what the scene would take.
-pub fn print_info(prepared: &Prepared, seen: &Seen, job: &SceneJob) {
+pub fn print_info(prepared: &Prepared, job: &SceneJob) {
     let facts = prepared.mesh.facts();
     let pinhole = &prepared.pinhole;
     let samples = pinhole.size.pixels() as f64 * job.settings.samples as f64;
-    let core_s = 1.3 * samples / SAMPLES_PER_S + job.bytes() as f64 / BYTES_PER_S;
+    let core_s = samples / SAMPLES_PER_S + job.bytes() as f64 / BYTES_PER_S;
     let camera = prepared.camera.as_ref().map_or("--eye, --target".to_owned(), |name| format!("`{name}`"));
     print(format!(
         "triangles               {} in {}, {} materials, {} textures\n\
@@ -89,7 +89,7 @@ pub fn print_info(prepared: &Prepared, seen: &Seen, job: &SceneJob) {
         facts.farthest_m,
         pinhole.fov_deg(pinhole.size.width),
         pinhole.fov_deg(pinhole.size.height),
-        100.0 * seen.covered,
+        100.0 * prepared.covered,
         pinhole.size,
         pinhole.overscan_px,
         plural(job.spec.bases, "weight"),
@@ -142,7 +142,10 @@ pub fn print_warnings(prepared: &Prepared, appearance: &Appearance<'_, Mesh>, do
         ));
     }
     if counts.dropped_hits > 0 {
-        log_line(format!("note: {} hits beyond 256 behind one another were left out", counts.dropped_hits));
+        log_line(format!(
+            "note: {} hits beyond {MAX_HITS} behind one another were left out",
+            counts.dropped_hits
+        ));
     }
     if appearance.clipped() > 0 {
         log_line(format!("note: {} colours were limited to 0 to 1", appearance.clipped()));

@@ -1,12 +1,14 @@
-//! A coarse picture of the scene, before it is made: whether anything is seen, and whether the camera stands inside something.
+//! A coarse picture of the scene, before it is made: whether anything is seen, how near, and whether the camera stands inside something. Surfaces count as
+//! opaque.
 
-use super::prepared::Prepared;
 use crate::args::SceneArgs;
 use crate::failure::usage;
 use anyhow::Result;
-use pipeline::scene::appearance::Appearance;
+use pipeline::design::pinhole::Pinhole;
+use pipeline::scene::description::Part;
 use pipeline::scene::frame::Frame;
 use pipeline::scene::mesh::Mesh;
+use pipeline::scene::shading::{SampleHit, Shader};
 use pipeline::scene::sheets::{Counts, Renderer, Settings};
 use pipeline::scene::visibility::Engine;
 
@@ -19,27 +21,55 @@ const NEAR_SHARE: f64 = 0.01;
 pub struct Seen {
     /// Share of the pixels in which there is a surface.
     pub covered: f64,
+    /// Vergence of the nearest surface, 1/m; 0 without any.
+    pub nearest_vergence: f64,
+}
+
+/// Surfaces without light.
+struct Unlit;
+
+impl Shader for Unlit {
+    fn bases(&self) -> usize {
+        0
+    }
+
+    fn is_opaque(&self, _: u32) -> bool {
+        true
+    }
+
+    fn exists(&self, _: u32, _: &SampleHit, _: usize) -> bool {
+        true
+    }
+
+    fn add_weights(&self, _: u32, _: &[SampleHit], _: &mut [f64]) {}
 }
 
 impl Seen {
-    /// Makes the picture.
+    /// Makes the picture of `mesh`, of the parts `parts`, in the field of view of `pinhole`; `near_m`: what is too near or cut away.
     ///
     /// # Errors
     /// Nothing is seen; what is seen is too near.
-    pub fn new(args: &SceneArgs, prepared: &Prepared, appearance: &Appearance<'_, Mesh>) -> Result<Self> {
-        let Frame { height, width, pitch_mm, focal_mm, .. } = prepared.frame;
-        let step = (height.max(width) as f64 / SIDE_PX as f64).max(1.0);
+    pub fn new(
+        args: &SceneArgs,
+        mesh: &Mesh,
+        parts: &[Part],
+        pinhole: &Pinhole,
+        near_m: f64,
+    ) -> Result<Self> {
+        let step = (pinhole.size.height.max(pinhole.size.width) as f64 / SIDE_PX as f64).max(1.0);
         let side = |n: usize| ((n as f64 / step) as usize).max(1);
-        let frame = Frame::centred(side(height), side(width), pitch_mm * step, focal_mm);
+        let pitch_mm = pinhole.pitch_um * 1e-3 * step;
+        let frame =
+            Frame::centred(side(pinhole.size.height), side(pinhole.size.width), pitch_mm, pinhole.focal_mm);
         let settings = Settings {
             samples: 1,
             sheets: 1,
             gap_dioptre: 0.0,
-            near_m: prepared.near_m,
+            near_m,
             is_near_cut: args.view.near_m.is_some(),
             background: None,
         };
-        let renderer = Renderer::new(&prepared.mesh, frame, appearance, settings, Engine::detect())
+        let renderer = Renderer::new(mesh, frame, &Unlit, settings, Engine::detect())
             .map_err(|e| usage(e.to_string()))?;
         let (mut worker, mut counts, mut covered) = (renderer.worker(), Counts::default(), 0);
         for tile in 0..renderer.grid().tiles() {
@@ -47,31 +77,32 @@ impl Seen {
             counts.add(&front.counts);
             covered += front.sheet.pixels;
         }
-        let mesh = args.mesh.display();
-        if covered == 0 && !appearance.has_background() {
+        let name = args.mesh.display();
+        if covered == 0 {
             return Err(usage(format!(
-                "{mesh}: nothing is before the camera in the field of view of {:.1} x {:.1} deg; nearest and farthest corner are at {:.4} and {:.4} m along \
-                 its axis: check --camera, or --eye, --target and --mesh-unit",
-                prepared.pinhole.fov_deg(prepared.pinhole.size.width),
-                prepared.pinhole.fov_deg(prepared.pinhole.size.height),
-                prepared.mesh.facts().nearest_m,
-                prepared.mesh.facts().farthest_m,
+                "{name}: nothing is before the camera in the field of view of {:.1} x {:.1} deg; nearest and farthest corner are at {:.4} and {:.4} m along \
+                 its axis: check --camera, or --eye, --target, --mesh-unit and --near-m",
+                pinhole.fov_deg(pinhole.size.width),
+                pinhole.fov_deg(pinhole.size.height),
+                mesh.facts().nearest_m,
+                mesh.facts().farthest_m,
             )));
         }
         let near = counts.near_samples as f64 / counts.samples.max(1) as f64;
         if let (true, None, Some((vergence, triangle))) =
             (near > NEAR_SHARE, args.view.near_m, counts.nearest)
         {
-            let part = &prepared.scene.parts[prepared.mesh.part_of(triangle).0];
+            let part = &parts[mesh.part_of(triangle).0].name;
             return Err(usage(format!(
-                "{mesh}: the camera is inside or at `{}`: {:.1} % of the picture is nearer than {:.4} m, ten focal lengths, the nearest surface at {:.4} m; move the \
-                 camera, or cut what is nearer away by --near-m",
-                part.name,
+                "{name}: `{part}` is {:.4} m from the camera, and {:.1} % of the picture is nearer than {near_m:.4} m, ten focal lengths: move the camera if it \
+                 stands inside or at it; else give --near-m, from which on surfaces are kept",
+                1.0 / vergence,
                 100.0 * near,
-                prepared.near_m,
-                1.0 / vergence
             )));
         }
-        Ok(Self { covered: covered as f64 / counts.samples.max(1) as f64 })
+        Ok(Self {
+            covered: covered as f64 / counts.samples.max(1) as f64,
+            nearest_vergence: counts.nearest.map_or(0.0, |(vergence, _)| vergence),
+        })
     }
 }

@@ -15,6 +15,8 @@ use pipeline::scene::description::{AlphaMode, Material, Texture, TextureUse, Wra
 
 /// Maximum number of sets of texture coordinates.
 const MAX_SETS: u64 = 32;
+/// Largest number of a transform of texture coordinates.
+const MAX_TRANSFORM: f64 = 1e9;
 /// Linear colour of a surface without any.
 const GREY: f32 = 0.8;
 /// Cutoff of `MASK` without one.
@@ -232,12 +234,17 @@ fn texture_use(
         let expected = format!("a texCoord below {MAX_SETS}");
         return Err(document.context.invalid(place(), expected, set.to_string()));
     }
+    let transform = transform.map_or([[1.0, 0.0, 0.0], [0.0, 1.0, 0.0]], affine);
+    if let Some(v) = transform.as_flattened().iter().find(|v| v.is_nan() || v.abs() > MAX_TRANSFORM) {
+        let expected = format!("a transform of numbers up to {MAX_TRANSFORM:e}");
+        return Err(document.context.invalid(here("KHR_texture_transform"), expected, v.to_string()));
+    }
     Ok(TextureUse {
         texture,
         set: usize::try_from(set).unwrap_or_default(),
         wrap: [wrap(sampler.wrap_s)?, wrap(sampler.wrap_t)?],
         nearest,
-        transform: transform.map_or([[1.0, 0.0, 0.0], [0.0, 1.0, 0.0]], affine),
+        transform,
     })
 }
 

@@ -1,7 +1,7 @@
 //! Materials and their spectra, and what a scene needs to show them.
 
 use super::{Appearance, Reflects, Surface};
-use crate::scene::description::{Material, Part, Positions, TextureUse};
+use crate::scene::description::{AlphaMode, Material, Part, Positions, TextureUse};
 use crate::scene::horizon::rotated;
 use crate::scene::light::Lighting;
 use crate::scene::light::shadow::{Occluders, TooManyTriangles, Triangles};
@@ -31,8 +31,6 @@ pub enum Background {
     None,
     /// White of this luminance, cd/m².
     Luminance(f64),
-    /// The environment.
-    Environment,
 }
 
 /// All that determines the weights.
@@ -109,9 +107,6 @@ pub enum AppearanceError {
         /// Name of the spectrum.
         spectrum: String,
     },
-    /// A background without map.
-    #[error("the background is the environment, and there is none")]
-    NoEnvironment,
     /// A background that is no luminance.
     #[error("the luminance of the background is {0} cd/m²; expected 0 or a positive number")]
     Background(f64),
@@ -147,21 +142,18 @@ impl<'a, T: Triangles> Appearance<'a, T> {
         check_textures(materials, textures.len())?;
         check_parts(parts, materials, &mut notes)?;
         assign(assigned, materials, &mut surfaces, &mut notes)?;
+        if request.lighting.rays_per_site() > 0 {
+            notes.extend(shadow_note(parts, materials));
+        }
         let lighting = request.lighting;
-        match (request.background, lighting.environment()) {
-            (Background::Environment, None) => return Err(AppearanceError::NoEnvironment),
-            (Background::Luminance(l), _) if !(l >= 0.0 && l.is_finite()) => {
-                return Err(AppearanceError::Background(l));
-            }
-            _ => {}
+        if let Background::Luminance(l) = request.background
+            && !(l >= 0.0 && l.is_finite())
+        {
+            return Err(AppearanceError::Background(l));
         }
         let spectra: Vec<Spectrum> = assigned.iter().map(|a| a.spectrum.clone()).collect();
-        let map = lighting
-            .environment()
-            .filter(|m| m.is_spectral() && request.background == Background::Environment);
-        let behind = map.map_or(Vec::new(), |m| m.light_spectra());
         Ok(Self {
-            bases: bases(&spectra, lighting.spectra(), &behind),
+            bases: bases(&spectra, lighting.spectra()),
             reflectances: COLOURS + spectra.len(),
             occluders: (lighting.rays_per_site() > 0).then(|| Occluders::new(triangles)).transpose()?,
             normal_matrices: parts.iter().map(|p| normal_matrix(p, &request.pose)).collect(),
@@ -176,6 +168,13 @@ impl<'a, T: Triangles> Appearance<'a, T> {
             notes,
         })
     }
+}
+
+/// A note on materials of which a part of the light passes, whose shadows are complete.
+fn shadow_note(parts: &[Part], materials: &[Material]) -> Option<String> {
+    let blended =
+        parts.iter().map(|part| &materials[part.material]).find(|m| m.alpha_mode == AlphaMode::Blend)?;
+    Some(format!("material `{}` is blended: its surfaces cast complete shadows all the same", blended.name))
 }
 
 fn surface(material: &Material) -> Surface {

@@ -3,7 +3,6 @@
 use super::{Cone, Lighting, Source, cosine_directions};
 use crate::real;
 use crate::scene::description::{Light, LightKind};
-use crate::scene::environment::Environment;
 use crate::scene::horizon::{Horizon, placed, rotated};
 use crate::scene::pose::Pose;
 use crate::scene::vector::{scaled, unit};
@@ -21,7 +20,7 @@ pub struct Sun {
     pub illuminance_lx: f64,
 }
 
-/// What lights a scene; without sun, sky, lights and environment it is the illuminant, the same everywhere.
+/// What lights a scene; without sun, sky and lights it is the illuminant, the same everywhere.
 pub struct LightRequest<'a> {
     /// Illuminance of the scene, to which weights are relative, lx.
     pub illuminance_lx: f64,
@@ -33,9 +32,7 @@ pub struct LightRequest<'a> {
     pub lights: &'a [Light],
     /// Length of a unit of the file's coordinates, m.
     pub unit_m: f64,
-    /// Map of the radiance from all directions.
-    pub environment: Option<Environment>,
-    /// Directions in which sky and environment are sampled: 1, 4, 16 or 64.
+    /// Directions in which the sky is sampled: 1, 4, 16 or 64.
     pub sky_samples: usize,
 }
 
@@ -98,7 +95,7 @@ impl Lighting {
         if let Some(lx) = request.sky_lx {
             all.sky = at_least_zero("the illuminance of the sky in lx", lx)? / e_v;
         }
-        let has_sky = request.sky_lx.is_some() || request.environment.is_some();
+        let has_sky = request.sky_lx.is_some();
         all.is_even = !has_sky && request.sun.is_none() && request.lights.is_empty();
         if has_sky {
             let error = || LightError::Value {
@@ -107,11 +104,6 @@ impl Lighting {
                 expected: "1, 4, 16 or 64",
             };
             all.directions = cosine_directions(request.sky_samples).ok_or_else(error)?;
-        }
-        if let Some(map) = request.environment {
-            let first = all.spectra.len();
-            all.spectra.extend(map.light_spectra());
-            all.environment = Some((map, first));
         }
         Ok(all)
     }

@@ -18,7 +18,6 @@ fn request() -> LightRequest<'static> {
         sky_lx: None,
         lights: &[],
         unit_m: 1.0,
-        environment: None,
         sky_samples: 64,
     }
 }

@@ -8,7 +8,7 @@
 //! the component if |w| > ½, that is if the number of crossings is not 0.
 
 use super::{Mesh, NOT_SOLID};
-use crate::scene::pose::{cross, dot, length};
+use crate::scene::vector::{cross, dot, length};
 
 /// Sum of angles in ±π each: 2π times the number of turns, and the angle of a unit vector.
 #[derive(Clone, Copy)]

@@ -1,6 +1,6 @@
 //! Edge functions and plane of a triangle.
 
-use crate::scene::pose::{cross, sub};
+use crate::scene::vector::{cross, sub};
 
 /// What is evaluated at the samples of a triangle.
 #[derive(Clone, Copy, Debug)]

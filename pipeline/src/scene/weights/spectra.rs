@@ -56,7 +56,6 @@ pub fn spectra(
         let lit = match &basis.light {
             LightSpectrum::Illuminant => white,
             LightSpectrum::Colour(c) => (c[0] * rho[0] + c[1] * rho[1] + c[2] * rho[2]) * white,
-            LightSpectrum::Band { wavelengths_nm, band } => hat(wavelengths_nm, *band, nm),
         };
         Ok(lit
             * match &basis.reflectance {
@@ -64,7 +63,6 @@ pub fn spectra(
                 Reflectance::Green => rho[1],
                 Reflectance::Blue => rho[2],
                 Reflectance::Named(spectrum) => spectrum.at(nm)?,
-                Reflectance::One => 1.0,
             })
     };
     let of_basis = |basis| (0..wavelengths_nm.len()).map(|band| value(basis, band)).collect();
@@ -86,15 +84,4 @@ fn colours(bands_nm: &[f64], light: &SceneIlluminant, max_error: f64) -> Result<
         }
     };
     primaries_under(bands_nm, &|nm| light.relative_power(nm).unwrap_or(0.0) / most, name, max_error)
-}
-
-/// The share of band `band` in what lies between its neighbours.
-fn hat(wavelengths_nm: &[f64], band: usize, nm: f64) -> f64 {
-    let at = wavelengths_nm[band];
-    let neighbour = if nm < at { band.checked_sub(1) } else { Some(band + 1) };
-    if nm == at {
-        return 1.0;
-    }
-    let share = neighbour.and_then(|i| wavelengths_nm.get(i)).map(|&other| (nm - other) / (at - other));
-    share.unwrap_or(0.0).max(0.0)
 }
