@@ -5,6 +5,7 @@
 //! chart; the disk; the scene of another job. Then the scene is created or resumed, and its missing shards are made.
 
 mod done;
+mod illuminant;
 mod job;
 mod light;
 mod make;

@@ -1,6 +1,6 @@
 //! What determines a scene: its identity, layout and attributes.
 
-use super::light::illuminant;
+use super::illuminant::illuminant;
 use super::prepared::Prepared;
 use crate::args::{LightsArg, MissingTextures, ReachArg, SceneArgs, SolidsArg};
 use crate::failure::usage;

@@ -1,11 +1,11 @@
 //! What surfaces look like: materials with their spectra, textures, and the light of the scene.
 
+use super::illuminant::spectrum;
 use super::prepared::{Prepared, check_memory};
 use crate::args::{BackgroundArg, SceneArgs};
 use crate::failure::usage;
 use anyhow::{Context, Result};
-use formats::sensor::{film_reflectance, relative_power};
-use pipeline::colour::Illuminant;
+use formats::sensor::film_reflectance;
 use pipeline::scene::appearance::{Appearance, AppearanceRequest, Assigned, Background, materials_named};
 use pipeline::scene::description::Light;
 use pipeline::scene::horizon::Horizon;
@@ -13,9 +13,6 @@ use pipeline::scene::light::shadow::BUILD_BYTES_PER_TRIANGLE;
 use pipeline::scene::light::{LightRequest, Lighting, Sun};
 use pipeline::scene::mesh::Mesh;
 use pipeline::scene::texture::Pyramid;
-use pipeline::scene::weights::{SceneIlluminant, Spectrum};
-use pipeline::sensor::Curve;
-use std::path::Path;
 
 /// Materials and light of `args`.
 ///
@@ -83,30 +80,6 @@ pub fn assigned_spectra(args: &SceneArgs, prepared: &Prepared) -> Result<Vec<Ass
         Ok(Assigned { materials, spectrum, times_texture })
     });
     spectra.collect()
-}
-
-fn spectrum(file: &Path, curve: Curve, max: f64) -> Result<Spectrum> {
-    let name = file.file_name().unwrap_or(file.as_os_str()).to_string_lossy();
-    Ok(Spectrum::new(name, curve.wavelengths_nm, curve.values, max)?)
-}
-
-/// The spectrum of white light.
-///
-/// # Errors
-/// Neither a known illuminant nor a table that can be read.
-pub fn illuminant(args: &SceneArgs) -> Result<SceneIlluminant> {
-    let text = &args.look.illuminant;
-    match args.look.illuminant_file() {
-        None => {
-            let light = text.parse::<Illuminant>().map_err(|e| usage(format!("--illuminant {text}: {e}")))?;
-            Ok(SceneIlluminant::Cie(light))
-        }
-        Some(path) => {
-            let flag = || format!("--illuminant {text}");
-            let curve = relative_power(path).with_context(flag)?;
-            Ok(SceneIlluminant::Measured(spectrum(path, curve, f64::INFINITY).with_context(flag)?))
-        }
-    }
 }
 
 fn lighting(args: &SceneArgs, prepared: &Prepared) -> Result<Lighting> {

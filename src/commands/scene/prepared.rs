@@ -1,6 +1,6 @@
 //! The mesh before the camera of a lens, and the frame of the chart.
 
-use super::light::illuminant;
+use super::illuminant::illuminant;
 use super::seen::Seen;
 use crate::args::{MeshUnit, MissingTextures, SceneArgs, SolidsArg, UpAxisArg};
 use crate::design;
