@@ -5,6 +5,7 @@
 //! ```
 //! The bands are those that are asked for, by default every 10 nm from 400 to 700: a scene has none of its own.
 
+use std::io::Read;
 use std::path::Path;
 
 use pipeline::flow::{ChartSource, SourceSinkError};
@@ -16,9 +17,12 @@ use super::error::ChartError;
 use super::open::split_array;
 use super::options::{ChartOptions, NanPolicy};
 use super::store::ChartStore;
-use crate::group::GroupError;
+use crate::durable::is_url;
+use crate::group::{GroupError, GroupKind};
 use crate::scene::{SceneLight, SceneStore};
 
+/// Metadata of a group are smaller.
+const MAX_METADATA_BYTES: u64 = 64 << 20;
 /// Unit of its values.
 pub(super) const UNITS: &str = "W m-2 sr-1 nm-1";
 /// Error of colours, of white, that is told.
@@ -52,9 +56,22 @@ fn split(spec: &str) -> Option<(&Path, usize)> {
     }
 }
 
-/// Whether `spec` names a scene, or a hidden surface of one.
+/// Whether `spec` names a scene, or a hidden surface of one. What cannot be read is none here; opening it reports why.
 pub(super) fn is_scene(spec: &str) -> bool {
-    split(spec).is_some_and(|(path, _)| SceneStore::is_one(path).unwrap_or(false))
+    let Some((path, _)) = split(spec) else { return false };
+    if is_url(path) {
+        return SceneStore::is_one(path).unwrap_or(false);
+    }
+    let schema = || {
+        let name = path.join("zarr.json");
+        // Opening a pipe would wait for its writer.
+        let file = std::fs::metadata(&name).ok()?.is_file().then(|| std::fs::File::open(&name))?.ok()?;
+        let mut text = Vec::new();
+        file.take(MAX_METADATA_BYTES).read_to_end(&mut text).ok()?;
+        let group: Value = serde_json::from_slice(&text).ok()?;
+        Some(group.get("attributes")?.get("schema")? == GroupKind::Scene.schema())
+    };
+    schema().unwrap_or(false)
 }
 
 /// The error of a store: of the disk or network, or of what the scene is.
