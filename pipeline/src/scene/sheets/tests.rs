@@ -227,7 +227,7 @@ fn closed_meshes_are_watertight() {
 }
 
 #[test]
-#[ignore = "a minute: 10⁶ rays through a closed mesh of 1.3·10⁶ triangles, and through its vertices"]
+#[ignore = "long: a minute, 10⁶ rays through a closed mesh of 1.3·10⁶ triangles, and through its vertices"]
 fn large_closed_meshes_are_watertight() {
     let shape = icosphere([0.1, 0.05, 2.0], 0.3, 8);
     let (ball, vertices) = (shape.1.len() as u32, directions_of_vertices(&shape));
