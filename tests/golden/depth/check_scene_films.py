@@ -378,7 +378,7 @@ def moved():
 
 def sun_and_sky():
     """Camera 2 m above a flat floor, looking down, north up in the picture; a square casts the shadow of 10 x 10 px of the floor."""
-    view = View("phone", 2, (120, 160), 2, "1:2")
+    view = View("phone", 2, (120, 160), 2, "0.2:2")
     down = {"rotation": [-np.sqrt(0.5), 0, 0, np.sqrt(0.5)]}                   # camera x east, y south, z down
     (h, w), rho, px = view.shape, 0.5, 2 / view.focal_px
     scene = lambda parts, *flags, **root: Sheets(view.scene("lit", glb(folder / "lit.glb", parts, **{**down, **root}), "--samples-per-px", 1, *flags))[0]
