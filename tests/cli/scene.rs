@@ -302,7 +302,7 @@ fn what_cannot_be_is_refused_before_anything_is_written() {
 }
 
 #[test]
-fn a_scene_is_of_its_lens_and_tells_of_colours() {
+fn a_scene_is_of_its_lens_and_notes_the_error_of_colours() {
     let place = Place::new();
     let (mesh, out, film) = (place.mesh(), place.at("scene.zarr"), place.at("film.zarr"));
     scene(&mesh, &out, "60x40", &["--quiet", "--sheets", "1", "--samples-per-px", "4"]).ok();

@@ -6,11 +6,11 @@ use super::prepared::Prepared;
 use super::report;
 use crate::args::SceneArgs;
 use crate::failure::{code, other_job, usage};
-use crate::film::differences;
-use crate::progress::{counting, interrupt, log_line, mib, plural, report_kept, resume_note};
+use crate::film::group;
+use crate::progress::{counting, interrupt, log_line, mib, resume_note};
 use anyhow::Result;
 use formats::durable::{Store, fault_point, link_target, parent_of, sweep_entries};
-use formats::group::{Found, GroupError, GroupKind, JobGroup};
+use formats::group::{Found, GroupError, GroupKind};
 use formats::parallel;
 use formats::scene::{FAR_M, Plane, SceneShard, SceneSpec, SceneStore};
 use pipeline::geometry::Rect;
@@ -47,23 +47,12 @@ pub fn scene(
     let store = open(args, job, out)?;
     let all: Vec<SceneShard> = store.spec().all_shards().collect();
     if store.missing(&all)?.is_empty() {
-        let _ = (store.group().lock(JobGroup::WHOLE, args.take_over), store.group().sweep());
-        log_line(format!("{} is complete: {}, nothing to do", out.display(), plural(all.len(), "shard")));
+        group::report_complete(store.group(), args.take_over, all.len());
         return Ok(0);
     }
-    let lock = store.group().lock(JobGroup::WHOLE, args.take_over)?;
-    if let Some(lock) = &lock {
-        interrupt::release_on_exit(lock.path());
-    }
-    fault_point("locked");
-    if args.no_fsync {
-        log_line("--no-fsync: a power failure may lose shards that were reported as written");
-    }
-    report_kept(&store.group().sweep()?);
+    let _lock = group::lock_and_sweep(store.group(), args.take_over, args.no_fsync)?;
     let missing = store.missing(&all)?;
-    if missing.len() < all.len() {
-        log_line(format!("resuming {}: {} of {} shards to make", out.display(), missing.len(), all.len()));
-    }
+    group::report_resumed(store.group(), missing.len(), all.len());
     let run = SceneRun::new(&renderer, &store, job, prepared.threads, budget);
     let outcome = run.shards(&missing);
     let outcome = outcome.and_then(|done| store.group().check_in_place().map(|()| done).map_err(Into::into));
@@ -86,11 +75,7 @@ pub fn scene(
 /// The scene at `out`, created, or opened if it is of this job.
 fn open(args: &SceneArgs, job: &SceneJob, out: &Path) -> Result<SceneStore> {
     if args.overwrite {
-        let _held = match JobGroup::locks(out)?.is_empty() {
-            true => None,
-            false => Store::at(out)?.lock("runs", JobGroup::WHOLE, args.take_over)?,
-        };
-        SceneStore::remove(out)?;
+        group::remove(out, args.take_over, SceneStore::remove)?;
     }
     match SceneStore::create(out, job.spec.clone(), job.all_attributes(), !args.no_fsync) {
         Err(GroupError::Exists { .. }) => match resumed(args, job, out)? {
@@ -110,21 +95,8 @@ fn resumed(args: &SceneArgs, job: &SceneJob, out: &Path) -> Result<Option<SceneS
         Err(e) => return Err(e.into()),
     };
     sweep_entries(parent_of(&link_target(out)))?;
-    let theirs =
-        store.attributes().get("provenance").and_then(|p| p["job"].as_object()).cloned().unwrap_or_default();
-    let differ = differences(&theirs, &job.identity);
-    if differ.is_empty() {
-        return Ok(Some(store));
-    }
-    let differences: Vec<String> = differ
-        .iter()
-        .map(|(key, there, asked)| format!("{key} (scene {there}, requested {asked})"))
-        .collect();
-    Err(other_job(format!(
-        "{} exists and belongs to another job: {}; choose another path, or replace it with --overwrite",
-        out.display(),
-        differences.join(", ")
-    )))
+    group::check_job("scene", out, store.attributes(), &job.identity)?;
+    Ok(Some(store))
 }
 
 /// Bytes for tiles that are kept.

@@ -4,18 +4,18 @@ use super::done::Done;
 use super::job::SceneJob;
 use super::prepared::Prepared;
 use crate::failure::{Coded, code};
+use crate::film::group;
 use crate::machine::{free_space, peak_resident};
 use crate::progress::{duration, log_line, mib, plural, print};
 use anyhow::Result;
-use formats::durable::ProcessIdentity;
+use formats::object;
 use formats::scene::SceneStore;
 use pipeline::scene::appearance::Appearance;
 use pipeline::scene::description::{AlphaMode, Material};
 use pipeline::scene::mesh::Mesh;
 use pipeline::scene::visibility::MAX_HITS;
-use serde_json::json;
 use std::path::Path;
-use std::time::{Instant, SystemTime};
+use std::time::Instant;
 
 /// Samples per core second, all hits of a million triangles (`scripts/bench`).
 const SAMPLES_PER_S: f64 = 20e6;
@@ -154,29 +154,17 @@ pub fn print_warnings(prepared: &Prepared, appearance: &Appearance<'_, Mesh>, do
 
 /// Keeps what the command did, however it ended.
 pub fn write_record(store: &SceneStore, outcome: &Result<Done>, prepared: &Prepared, start: Instant) {
-    let seconds = SystemTime::now().duration_since(SystemTime::UNIX_EPOCH).map_or(0, |d| d.as_secs());
     let done = outcome.as_ref().ok();
-    let record = json!({
-        "finished_unix_s": seconds,
-        "program": concat!("lenscube ", env!("CARGO_PKG_VERSION")),
-        "outcome": match done { None => "failed", Some(d) if d.left > 0 => "interrupted", Some(_) => "complete" },
-        "error": outcome.as_ref().err().map(crate::failure::line),
-        "host": ProcessIdentity::current().host,
-        "threads": prepared.threads,
-        "memory_limit_bytes": prepared.limit.bytes,
-        "peak_resident_bytes": peak_resident(),
-        "wall_s": start.elapsed().as_secs_f64(),
+    let further = object! {
         "triangles": prepared.mesh.facts().triangles,
         "shards": done.map(|d| d.shards),
         "bytes_written": done.map(|d| d.bytes),
         "samples": done.map(|d| d.counts.samples),
         "hidden_samples": done.map(|d| d.counts.hidden_samples),
         "merged_pixels": done.map(|d| d.counts.merged_pixels),
-    });
-    let name = format!("runs/{seconds}-{}-{}.json", ProcessIdentity::current().host, std::process::id());
-    if let Err(e) = store.group().write_record(&name, record.to_string().as_bytes()) {
-        log_line(format!("note: the record {name} could not be written: {e}"));
-    }
+    };
+    let left = outcome.as_ref().map(|done| done.left);
+    group::write_record(store.group(), left, (prepared.threads, prepared.limit.bytes), start, further);
 }
 
 /// The last line.

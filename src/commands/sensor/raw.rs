@@ -4,11 +4,12 @@ use super::resolve::RawJob;
 use super::{record, signal, warnings_after, write};
 use crate::args::ExposeArgs;
 use crate::failure::{code, other_job, usage};
+use crate::film::group;
 use crate::progress::interrupt;
-use crate::progress::{detail_line, log_line, plural, report_kept, resume_note};
+use crate::progress::{detail_line, log_line, resume_note};
 use anyhow::Result;
-use formats::durable::{Store, fault_point, link_target, parent_of, sweep_entries};
-use formats::group::{Found, GroupError, GroupKind, JobGroup};
+use formats::durable::{fault_point, link_target, parent_of, sweep_entries};
+use formats::group::{Found, GroupError, GroupKind};
 use formats::raw::RawStore;
 use std::path::Path;
 use std::time::Instant;
@@ -64,19 +65,8 @@ fn resumed(job: &RawJob, path: &Path, fsync: bool) -> Result<Option<RawStore>> {
         Err(e) => return Err(e.into()),
     };
     sweep_entries(parent_of(&link_target(path)))?;
-    let theirs =
-        store.attributes().get("provenance").and_then(|p| p["job"].as_object()).cloned().unwrap_or_default();
-    let differ = crate::film::differences(&theirs, &job.identity);
-    if differ.is_empty() {
-        return Ok(Some(store));
-    }
-    let differences: Vec<String> =
-        differ.iter().map(|(key, there, asked)| format!("{key} (raw {there}, requested {asked})")).collect();
-    Err(other_job(format!(
-        "{} exists and belongs to another job: {}; choose another path, or replace it with --overwrite",
-        path.display(),
-        differences.join(", ")
-    )))
+    group::check_job("raw", path, store.attributes(), &job.identity)?;
+    Ok(Some(store))
 }
 
 /// Writes the shards that are missing.
@@ -89,33 +79,12 @@ fn work(
 ) -> Result<u8> {
     let all = store.spec().all_shards();
     if store.missing(&all)?.is_empty() {
-        let _ = (store.group().lock(JobGroup::WHOLE, args.take_over), store.group().sweep());
-        log_line(format!(
-            "{} is complete: {}, nothing to do",
-            store.path().display(),
-            plural(all.len(), "shard")
-        ));
+        group::report_complete(store.group(), args.take_over, all.len());
         return Ok(0);
     }
-    let lock = store.group().lock(JobGroup::WHOLE, args.take_over)?;
-    if let Some(lock) = &lock {
-        interrupt::release_on_exit(lock.path());
-    }
-    fault_point("locked");
-    if args.no_fsync {
-        log_line("--no-fsync: a power failure may lose shards that were reported as written");
-    }
-    let swept = store.group().sweep()?;
-    report_kept(&swept);
+    let _lock = group::lock_and_sweep(store.group(), args.take_over, args.no_fsync)?;
     let missing = store.missing(&all)?;
-    if missing.len() < all.len() {
-        log_line(format!(
-            "resuming {}: {} of {} shards to make",
-            store.path().display(),
-            missing.len(),
-            all.len()
-        ));
-    }
+    group::report_resumed(store.group(), missing.len(), all.len());
     let times = job.recorded_times(store)?;
     job.log_start(store.spec(), &times);
     let outcome = write::shards(job, store, &times, &missing, measured);
@@ -143,9 +112,5 @@ fn interrupted(message: &str) -> u8 {
 
 /// Removes the raw, unless a run holds its lock.
 pub fn remove(path: &Path, take_over: bool) -> Result<()> {
-    let _held = match JobGroup::locks(path)?.is_empty() {
-        true => None,
-        false => Store::at(path)?.lock("runs", JobGroup::WHOLE, take_over)?,
-    };
-    Ok(RawStore::remove(path)?)
+    group::remove(path, take_over, RawStore::remove)
 }

@@ -2,35 +2,25 @@
 
 use super::resolve::{RawJob, Source};
 use super::write::{Done, process_core_s};
-use crate::failure;
+use crate::film::group;
 use crate::machine::peak_resident;
 use crate::progress::mib;
-use crate::progress::{log_line, plural};
+use crate::progress::plural;
 use anyhow::Result;
-use formats::durable::ProcessIdentity;
+use formats::object;
 use formats::raw::RawStore;
 use serde_json::json;
-use std::time::{Instant, SystemTime};
+use std::time::Instant;
 
 /// Keeps what the run did, however it ended.
 pub fn write(job: &RawJob, store: &RawStore, outcome: &Result<Done>, start: Instant) {
-    let seconds = SystemTime::now().duration_since(SystemTime::UNIX_EPOCH).map_or(0, |d| d.as_secs());
     let done = outcome.as_ref().ok();
     let of = |f: fn(&Done) -> u64| done.map(f);
     let (bytes_read, chunks) = match &job.source {
         Source::Film(film, _) => Some(film.stats()).unzip(),
         Source::Kept(_) => (None, None),
     };
-    let record = json!({
-        "finished_unix_s": seconds,
-        "program": concat!("lenscube ", env!("CARGO_PKG_VERSION")),
-        "outcome": match done { None => "failed", Some(d) if d.left > 0 => "interrupted", Some(_) => "complete" },
-        "error": outcome.as_ref().err().map(failure::line),
-        "host": ProcessIdentity::current().host,
-        "threads": job.memory.threads,
-        "memory_limit_bytes": job.memory.limit,
-        "peak_resident_bytes": peak_resident(),
-        "wall_s": start.elapsed().as_secs_f64(),
+    let further = object! {
         "core_s": done.map(|d| json!({
             "film_and_signal": rest_s(d), "noise": d.noise_s, "encode_and_write": d.write_s
         })),
@@ -43,11 +33,9 @@ pub fn write(job: &RawJob, store: &RawStore, outcome: &Result<Done>, start: Inst
         "digital_numbers": of(|d| d.numbers),
         "clipped_at_white": of(|d| d.white),
         "clipped_at_0": of(|d| d.black),
-    });
-    let name = format!("runs/{seconds}-{}-{}.json", ProcessIdentity::current().host, std::process::id());
-    if let Err(e) = store.group().write_record(&name, record.to_string().as_bytes()) {
-        log_line(format!("note: the run's record {name} could not be written: {e}"));
-    }
+    };
+    let left = outcome.as_ref().map(|done| done.left);
+    group::write_record(store.group(), left, (job.memory.threads, job.memory.limit as u64), start, further);
 }
 
 /// Core seconds of reading the film and making the signal: all but those of the shards.

@@ -38,8 +38,6 @@ pub struct Pinhole {
     pub pitch_um: f64,
     /// Blur radius per dioptre, µm.
     pub blur_um: f64,
-    /// Vergence in focus, 1/m.
-    pub focus_vergence: f64,
 }
 
 /// A pinhole camera that does not exist.
@@ -84,7 +82,7 @@ impl Pinhole {
         let overscan_px = margin_px + distortion_px.ceil() as usize;
         let size = Size::new(film.height + 2 * overscan_px, film.width + 2 * overscan_px);
         let pupil_mm = first.entrance_pupil_mm;
-        Ok(Self { pupil_mm, focal_mm, size, overscan_px, margin_px, pitch_um, blur_um, focus_vergence })
+        Ok(Self { pupil_mm, focal_mm, size, overscan_px, margin_px, pitch_um, blur_um })
     }
 
     /// Width or height of `px` pixels of the picture on the ideal image plane, mm.
