@@ -19,6 +19,7 @@ pub mod hidden;
 pub mod invented;
 pub mod memory;
 pub mod occupancy;
+mod pieces;
 pub mod plan;
 mod planes;
 mod scene;
@@ -40,6 +41,7 @@ use counts::SharedCounts;
 use hidden::{Hidden, HiddenScratch};
 use invented::InventedLight;
 use occupancy::Occupancy;
+use pieces::shape::Shape;
 use planes::Planes;
 use scene::{Scene, SceneScratch};
 use sheet::Sheet;
@@ -61,6 +63,8 @@ pub struct DepthStage {
     margin: usize,
     /// How hidden surfaces are invented, and where the scene has surfaces; `None`: they are not.
     hidden: Option<(Hidden, Arc<Occupancy>)>,
+    /// Shape of the pupil, for the correction of surfaces that are both out of focus; `None`: no correction.
+    shape: Option<Shape>,
 }
 
 /// Surfaces of a job.
@@ -92,9 +96,10 @@ impl DepthStage {
         slabs: Slabs,
         (psfs, source): (Vec<Option<BandPsf>>, PsfSource),
         hidden: Option<(Hidden, Arc<Occupancy>)>,
+        shape: Option<Shape>,
     ) -> Self {
         let margin = psfs.iter().flatten().map(BandPsf::margin).max().unwrap_or(0);
-        Self { position, scene, slabs, psfs, source, margin, hidden }
+        Self { position, scene, slabs, psfs, source, margin, hidden, shape }
     }
 
     /// Computes the film of `tile` from `surfaces` and band `band` of `chart` into `out`, without a tail.
@@ -129,7 +134,14 @@ impl DepthStage {
             Ok(())
         })?;
         clock.of(Phase::Svpsf).time(|| {
-            let stage = Composite { frame, slabs: &self.slabs, psfs: &self.psfs, spectra };
+            let stage = Composite {
+                frame,
+                slabs: &self.slabs,
+                psfs: &self.psfs,
+                spectra,
+                shape: self.shape.as_ref(),
+                margin: self.margin,
+            };
             film.resize(tile.size().pixels(), 0.0);
             stage.tile(tile, planes, film, invented, composite);
             out.copy(film, tile.width);

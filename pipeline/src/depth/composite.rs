@@ -16,7 +16,7 @@
 //! A ray that has passed slab s + 1 of a surface meets slab s of it: there U_s = 1 − w_s+1 and the two lights add, whatever is hidden behind.
 //! Surfaces apart cover the pupil independently: U_s = 1. Where nothing else is known in reach K = 0 and U_s = w_s: what is known stands for all.
 //! Light and shares are convolved separately, so the film is exact where one of two surfaces is in focus or the rear one is uniform; else a product of
-//! means stands for the mean of a product over the pupil.
+//! means stands for the mean of a product over the pupil, which [`super::pieces`] corrects.
 //! A tile with one slab that covers it completely has K = 0, so film = light/w, and w = 1 where t is constant. Where distances vary within the slab w is not
 //! 1: 0.94 to 1.04 for stripes at both ends of a wide slab.
 //! Executable form in f64: tests/golden/depth/depth_reference.py. "Over" with normalised alpha: Ikoma et al., "Depth from defocus with learned optics",
@@ -25,6 +25,8 @@
 mod convolve;
 
 use super::counts::Counts;
+use super::pieces::shape::Shape;
+use super::pieces::{CellScratch, Correction, Layer};
 use super::planes::{Planes, SlabPlanes};
 use super::slabs::Slabs;
 use super::wanted::Wanted;
@@ -36,7 +38,7 @@ use crate::psf::{BandPsf, PsfScratch};
 use std::collections::BTreeMap;
 
 /// Least U that is divided by.
-const FLOOR: f32 = 1e-3;
+pub(super) const FLOOR: f32 = 1e-3;
 /// K + M below this is rounding.
 const NOTHING: f32 = 1e-9;
 
@@ -60,6 +62,10 @@ pub(super) struct CompositeScratch {
     opened: Vec<f32>,
     passing: Vec<f32>,
     free: Vec<Vec<f32>>,
+    /// What the correction needs of the slabs composited so far.
+    layers: Vec<Layer>,
+    doubt: Vec<f32>,
+    cell: CellScratch,
     counts: Counts,
 }
 
@@ -70,6 +76,10 @@ pub(super) struct Composite<'a> {
     /// PSF stage of every node of the slabs that occur.
     pub(super) psfs: &'a [Option<BandPsf>],
     pub(super) spectra: &'a SpectrumCache,
+    /// Shape of the pupil, for the correction of surfaces that are both out of focus; `None`: no correction.
+    pub(super) shape: Option<&'a Shape>,
+    /// Pixels around a tile that its planes have.
+    pub(super) margin: usize,
 }
 
 impl Composite<'_> {
@@ -109,12 +119,26 @@ impl Composite<'_> {
             return;
         }
         s.passing.fill(1.0);
+        s.layers.clear();
+        s.doubt.clear();
+        s.doubt.resize(n, 0.0);
         for (at, slab) in planes.slabs.iter().enumerate().rev() {
             s.counts.blocks_of_several += self.blocks(slab.slab, tile);
             slab.part_of(&mut s.behind).iter_mut().zip(&slab.a).for_each(|(behind, a)| *behind -= a);
             if self.slab(tile, planes, at, (film, invented), s) == 0.0 {
                 break; // nothing behind is visible
             }
+        }
+        if let Some(shape) = self.shape {
+            let (frame, slabs, margin) = (self.frame, self.slabs, self.margin);
+            let CompositeScratch { layers, doubt, passing, cell, .. } = s;
+            Correction { frame, slabs, shape, margin }.add(
+                tile,
+                planes,
+                (layers, doubt, passing),
+                film,
+                cell,
+            );
         }
     }
 
@@ -167,6 +191,9 @@ impl Composite<'_> {
         for w in near.iter().filter_map(|&j| s.shares.get(&planes.slabs[j].slab)) {
             rest_of_pupil.iter_mut().zip(w).for_each(|(rest, w)| *rest -= w);
         }
+        // Of the pupil behind the slabs near this one, over what is known of it.
+        let corrected = if self.shape.is_some() { n } else { 0 };
+        let (mut gain, mut visible) = (vec![1f32; corrected], vec![0f32; corrected]);
         let mut most = 0f32;
         for i in (0..n).filter(|&i| s.wanted.pixel(i)) {
             let (w, k, missing) = (share[i], s.known[i], s.missing[i]);
@@ -178,12 +205,19 @@ impl Composite<'_> {
             if !slab.invented.is_empty() {
                 invented[i] += s.passing[i] * (light_invented[i] / u);
             }
+            if let Some(gain) = gain.get_mut(i) {
+                *gain = ((rest_of_pupil[i] + w).max(FLOOR) / u).max(1.0);
+                visible[i] = s.passing[i] * w;
+            }
             s.passing[i] *= 1.0 - w / u;
         }
         for (i, w) in share.iter_mut().enumerate() {
             // Where the slab is not needed its share is not complete.
             *w *= f32::from(u8::from(s.wanted.pixel(i)));
             most = most.max(s.passing[i].abs());
+        }
+        if self.shape.is_some() {
+            s.layers.push(Layer::new(at, tile, &share, &visible, gain, &mut s.doubt));
         }
         s.light = light;
         s.free.extend([rest_of_pupil, light_invented]);

@@ -1,5 +1,6 @@
 //! Memory of the depth stage, bytes.
 
+use super::pieces;
 use super::plan::DepthPlan;
 use crate::psf::memory;
 use crate::tiling::Tiling;
@@ -26,7 +27,9 @@ impl DepthPlan {
         // Of the slabs their rows; one slab at a time is computed on all rows. Shares of slabs are kept while others near them follow.
         let of_slabs = 12 * (tile + 2 * self.reach) * self.max_slab_rows + 12 * read;
         let tile_planes = TILE_PLANES + slabs.min(self.max_near + 1);
-        let planes = 4 * grown * OTHER_PLANES + of_slabs + 4 * tile * tile * tile_planes;
+        // The correction of surfaces out of focus keeps what it needs of all slabs.
+        let corrected = 4 * tile * tile * slabs + pieces::bytes(self.max_near, self.margin());
+        let planes = 4 * grown * OTHER_PLANES + of_slabs + 4 * tile * tile * tile_planes + corrected;
         let hidden = match self.reach > self.margin() {
             true => BYTES_PER_SOURCE_PIXEL * read + grown * (BYTES_PER_HIDDEN_PIXEL + 16 * slabs),
             false => 0,

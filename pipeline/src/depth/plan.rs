@@ -3,6 +3,8 @@
 use super::DepthStage;
 use super::hidden::Hidden;
 use super::occupancy::Occupancy;
+use super::pieces::LEAST_WIDE_PX;
+use super::pieces::shape::Shape;
 use super::scene::Scene;
 use super::slabs::Slabs;
 use crate::field::Field;
@@ -343,7 +345,21 @@ impl DepthPlan {
             psfs.push(Some(stage));
             first_id += node.grid.len();
         }
-        DepthStage::new(position, scene, self.slabs.clone(), (psfs, source), self.hidden.clone())
+        let shape = self.shape(frame, &source);
+        DepthStage::new(position, scene, self.slabs.clone(), (psfs, source), self.hidden.clone(), shape)
+    }
+
+    /// Shape of the pupil, of the used node that is farthest from focus, if two surfaces may be out of focus.
+    fn shape(&self, frame: &Frame, source: &PsfSource) -> Option<Shape> {
+        let blur = |d: usize| self.slabs.blur_at(self.slabs.vergence()[d]);
+        let used = (0..self.nodes.len()).filter(|&d| self.nodes[d].is_used);
+        let wide = used.max_by(|&a, &b| blur(a).abs().total_cmp(&blur(b).abs()))?;
+        let node = &self.nodes[wide];
+        let samples = (node.samples, node.pitch_um / frame.pitch_um);
+        (blur(wide).abs() >= LEAST_WIDE_PX).then(|| {
+            let of = (self.first_node + wide, blur(wide));
+            Shape::new(source, of, node.grid.heights_px(), samples, node.blocks.window)
+        })
     }
 }
 

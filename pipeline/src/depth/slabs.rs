@@ -72,6 +72,17 @@ impl Slabs {
         near > far + 1 && self.vergence[near] - top >= gap
     }
 
+    /// Blur radius of vergence `v`, film px, positive for what is nearer than the focus.
+    pub fn blur_at(&self, v: f64) -> f64 {
+        self.blur_px * (v - self.focus)
+    }
+
+    /// The larger blur radius at the ends of slab `s`, film px.
+    pub fn blur_px(&self, s: usize) -> f64 {
+        let (low, high) = self.ends(s);
+        self.blur_at(low).abs().max(self.blur_at(high).abs())
+    }
+
     /// The node of slab `s` that is farther from focus, whose kernels are wider.
     pub fn wide(&self, s: usize) -> usize {
         let (low, high) = self.nodes(s);

@@ -34,9 +34,10 @@ independently: U_s = 1. Where nothing else is known in reach K = 0 and U_s = w_s
 makes U continuous where K fades out.
 PROPERTIES.  w_s <= U_s <= max(1, w_s), so with complete hidden sheets a chart of ones gives a convex mean of the e_d.  At constant depth
 w = U = 1 and film = light: the flat model's sum.
-LIMITS.  Shares multiply: the film is exact where one of two surfaces is in focus or the rear one uniform, else the product of means stands for
-the mean of a product.  A pixel of a tilted surface spreads as one of a surface parallel to the film: the factor 1 - (u - x) grad V/(V - V_f) is
-left out (0.5 % of a ball's shadow if its depths are those of its front).  The gap is a guess: a surface so steep that it runs through more
+CORRECTION.  Shares multiply: exact where one of two surfaces is in focus or the rear one uniform, else the product of means stands for the mean of a
+product; pupil_pieces.py adds what it leaves out.
+LIMITS.  Where one surface is in focus a pixel of a tilted surface spreads as one of a surface parallel to the film: the factor
+1 - (u - x) grad V/(V - V_f) is left out (0.5 % of a ball's shadow if its depths are those of its front).  The gap is a guess: a surface so steep that it runs through more
 than EDGE_SHARE of its own blur within a window lets through light of what is hidden behind it.
 
 HIDDEN SURFACES.  Given as sheets, or invented (hidden_surface.py): pixels near a depth edge receive light and vergence extrapolated from all
@@ -52,6 +53,7 @@ import numpy as np
 
 sys.path.insert(0, str(Path(__file__).resolve().parents[1]))
 import reference as ref  # noqa: E402
+import pupil_pieces  # noqa: E402
 from hidden_surface import extrapolate, grown_box, support  # noqa: E402
 
 FLOOR = 1e-3        # least U that is divided by
@@ -295,7 +297,10 @@ def film(sheets, lens, shape, pitch, axis=None, invented=False, outside="error",
         added = invent(p, uncovered, lens)
         p, uncovered, added = (v[..., more:-more, more:-more] for v in (p, uncovered, added))
     spread = [Spread(shape, margin, pitch, axis, np.asarray(r, float), g, outside) for r, g in zip(lens.r_grid, lens.grid)]
-    return composite(p, uncovered, spread, lens, added)
+    out = composite(p, uncovered, spread, lens, added)
+    used = {d for s, slab in enumerate(lens.slabs()) if p[s, 0].any() for d in slab}
+    pupil_pieces.add(out, p, margin, lens, axis, pitch, FLOOR, used)
+    return out
 
 
 def invented_share(film, invented):

@@ -4,6 +4,7 @@ from dataclasses import dataclass
 import numpy as np
 
 import ray_integral as rays
+from closed_forms import disc_area
 from depth_reference import Sheet
 
 BLUR, FOCUS = 100.0, 2.0                                    # px per dioptre, 1/m
@@ -39,8 +40,10 @@ def two_planes():
     points = zone[np.random.default_rng(5).permutation(len(zone))[:120]]
     cases = (("rho 20 and 10, uniform rear", 20, 10, 0, 2, (0.0, 0.0)),
              ("near in focus, rear 15, checker 32", 0, -15, 32, 2, (0.0, 0.0)),
-             ("rear in focus, near 20, checker 32", 20, 0, 32, 2, (0.0, 0.0)), ("rho 20 and 10, checker 8", 20, 10, 8, 2, (6.5, 2.1)),
-             ("rho 20 and 10, checker 32", 20, 10, 32, 2, (17.4, 5.8)), ("rho 20 and -20, checker 32", 20, -20, 32, 2, (18.3, 6.2)),
+             ("rear in focus, near 20, checker 32", 20, 0, 32, 2, (0.0, 0.0)), ("rho 20 and 10, checker 8", 20, 10, 8, 2, (0.83, 0.30)),
+             ("rho 20 and 10, checker 32", 20, 10, 32, 2, (0.97, 0.25)), ("rho 20 and -20, checker 32", 20, -20, 32, 2, (0.71, 0.26)),
+             ("rho 10 and -6.5, checker 8", 10, -6.5, 8, 2, (1.2, 0.3)), ("rho 20 and -2, checker 32", 20, -2, 32, 2, (1.2, 0.2)),
+             ("rho 3 and -1.6, checker 8", 3, -1.6, 8, 2, (2.0, 0.3)), ("rho 20 and 0.24, checker 32", 20, 0.24, 32, 2, (2.4, 0.45)),
              ("rear in focus, near 20, checker 32, sheet 0 alone", 20, 0, 32, 1, (53.8, 13.7)),
              ("the same with an invented sheet", 20, 0, 32, 0, (45.1, 9.1)), ("invented sheet, uniform rear in focus", 20, 0, 0, 0, (0.0, 0.0)))
     out = []
@@ -72,6 +75,36 @@ def slanted_planes():
         wall = Sheet(np.ones(x.shape), np.full(x.shape, FOCUS))
         for name, sheets in (("nothing known behind it", [plane]), ("a white wall hidden behind it", [plane, wall])):
             out.append((f"slanted plane, checker 8, d rho/dx {slope}, {name}", ((limit, 0.2),), Scene(sheets, surface, nodes, points, 91)))
+    return out
+
+
+def post_and_ball():
+    """A black post of 7 px (rho 30) and a grey ball whose front spans 10 px of blur (rho 20 to 30) before a checker out of focus."""
+    y, x = np.mgrid[-170:171, -170:171]
+    rng, out = np.random.default_rng(8), []
+    pattern = rays.checker(32)
+    post = lambda y, x: abs(np.floor(x + 0.5)) <= 3
+    points = np.stack([rng.integers(-60, 61, 120), rng.integers(-40, 41, 120)], 1)
+    near, far = FOCUS + 0.3, FOCUS - 0.25
+    wall = Sheet(pattern(y, x), np.full(x.shape, far))
+    front = Sheet(np.where(post(y, x), 0.0, pattern(y, x)), np.where(post(y, x), near, far))
+    surfaces = [rays.Plane(near, lambda y, x: np.zeros(len(x)), post), rays.Plane(far, pattern)]
+    nodes = np.array([far, far + 0.01, near - 0.005, near + 0.005])
+    out.append(("post of 7 px, rho 30, before a checker of 32 px, rho -25", ((2.4, 2.0), (0.8, None)), Scene([front, wall], surfaces, nodes, points, 121)))
+    distance, last = 1 / (FOCUS + 0.2), 1 / (FOCUS + 0.3)
+    radius = distance - last
+    f = 35.0 / np.tan(np.arcsin(radius / distance))             # px; the silhouette has a radius of 35 px
+    s2 = (x ** 2 + y ** 2) / f ** 2
+    root = 1 - (1 + s2) * (1 - (radius / distance) ** 2)
+    v, cover = (1 + s2) / (distance * (1 - np.sqrt(np.maximum(root, 0)))), np.clip(disc_area(35.0, y, x), 0, 1)
+    points = np.stack([rng.integers(-60, 61, 160), rng.integers(-60, 61, 160)], 1)
+    for at in (-25, 15):
+        low = FOCUS + at / BLUR
+        wall = Sheet(pattern(y, x), np.full(x.shape, low))
+        front = Sheet(np.full(x.shape, 0.3), v, cover)
+        surfaces = [rays.Ball(radius, distance, 0.3, f, BLUR / f), rays.Plane(low, pattern)]
+        nodes = np.concatenate([[low, low + 0.01], np.arange(v[cover > 0].min() - 0.001, v.max() + 0.01, 0.01)])
+        out.append((f"ball, rho 20 to 30, before a checker of 32 px, rho {at}", ((3.0, 2.0), (0.8, None)), Scene([front, wall], surfaces, nodes, points, 121)))
     return out
 
 

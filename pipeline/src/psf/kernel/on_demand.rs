@@ -48,7 +48,7 @@ impl PsfSource {
     }
 
     /// The samples, or zeros and a note of the error.
-    fn read(&self, node: usize, k: usize, samples: usize) -> Vec<f32> {
+    pub(crate) fn read(&self, node: usize, k: usize, samples: usize) -> Vec<f32> {
         let problem = match (self.reader)(node, k) {
             Ok(psf) if psf.len() == samples => return psf,
             Ok(psf) => format!("PSF {k} of depth node {node} has {} samples, expected {samples}", psf.len()),
