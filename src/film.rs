@@ -21,6 +21,9 @@ use std::path::Path;
 /// Key of the stages in the identity of a job.
 const STAGES: &str = "stages";
 
+/// A value of the identity that is longer is shown by its digest.
+const MAX_SHOWN_BYTES: usize = 240;
+
 /// BLAKE3 of a JSON value as it is written, 64 hexadecimal digits.
 pub fn digest(value: &Value) -> String {
     blake3::hash(value.to_string().as_bytes()).to_hex().to_string()
@@ -252,7 +255,11 @@ pub fn differences(recorded: &Map<String, Value>, requested: &Map<String, Value>
         Some(Value::String(s)) if s.len() == 64 && s.bytes().all(|b| b.is_ascii_hexdigit()) => {
             format!("{}…", &s[..12])
         }
-        Some(v) => v.to_string(),
+        Some(v) => {
+            let text = v.to_string();
+            // Of a scene: all spectra, and the states of many files.
+            if text.len() > MAX_SHOWN_BYTES { format!("of digest {}…", &digest(v)[..12]) } else { text }
+        }
     };
     let keys: BTreeSet<&String> = requested.keys().chain(recorded.keys()).collect();
     let differing = keys.into_iter().filter(|k| requested.get(*k) != recorded.get(*k));

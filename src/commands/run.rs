@@ -58,7 +58,7 @@ use pipeline::depth::invented::InventedLight;
 use pipeline::executor::{BandWork, Summary, Work, run};
 use pipeline::stages::StageCompute;
 use pipeline::tiling::ShardId;
-use serde_json::json;
+use serde_json::{Value, json};
 use sink::FilmStoreSink;
 use std::collections::BTreeSet;
 use std::path::Path;
@@ -75,7 +75,7 @@ pub fn command(args: &RunCommand, matches: &ArgMatches) -> Result<u8> {
     let jsonl = (args.work.progress == ProgressArg::Jsonl).then(Jsonl::start);
     let result = match &args.work.plan {
         #[cfg(feature = "mesh")]
-        None if mesh::is_of_mesh(args) => mesh::run(args, |job| run_job(job, jsonl, args.work.progress)),
+        None if mesh::is_of_mesh(args) => mesh::run(args, jsonl),
         None if args.dry_run => forecast::print(&args.job).map(|()| 0),
         None => run_job(&args.job, jsonl, args.work.progress),
         Some(plan) => {
@@ -113,14 +113,52 @@ fn check_mesh_flags(args: &RunCommand) -> Result<()> {
 /// # Errors
 /// Those of the run; the exit code otherwise.
 pub fn run_job(args: &RunArgs, jsonl: Option<&Jsonl>, progress: ProgressArg) -> Result<u8> {
+    run_job_of(args, None, jsonl, progress)
+}
+
+/// What a film records of its inputs beside chart and lens, in its attribute `source`.
+struct Source {
+    key: &'static str,
+    value: Value,
+}
+
+/// As [`run_job`], of a film that records `source`.
+fn run_job_of(
+    args: &RunArgs,
+    source: Option<Source>,
+    jsonl: Option<&Jsonl>,
+    progress: ProgressArg,
+) -> Result<u8> {
     let start = Instant::now();
-    let job = forecast::resolved(args)?;
+    let mut job = forecast::resolved(args)?;
+    if let Some(Source { key, value }) = source {
+        job.source[key] = value;
+    }
     forecast::check_space_of_new_film(&job, args)?;
     interrupt::listen();
     let store = film::open(&job, args)?;
     fault_point("film-opened");
     let code = compute_missing(&Task { args, store: &store, units: None, jsonl, progress, start }, job)?;
     trim_cache(args);
+    pyramid_of(args, &store, code)
+}
+
+/// Reports the complete film `store`, and makes its pyramid if that is asked for.
+#[cfg(feature = "mesh")]
+fn already_complete(
+    args: &RunArgs,
+    store: &FilmStore,
+    jsonl: Option<&Jsonl>,
+    progress: ProgressArg,
+) -> Result<u8> {
+    film_engine::check_explicit(store, args)?;
+    let task = Task { args, store, units: None, jsonl, progress, start: Instant::now() };
+    let code = task.already_complete(store.all_shards().count(), "is")?;
+    pyramid_of(args, store, code)
+}
+
+/// Makes the pyramid of a film whose run ended with `code`, if that is asked for.
+fn pyramid_of(args: &RunArgs, store: &FilmStore, code: u8) -> Result<u8> {
     match code {
         0 if args.pyramid => {
             pyramid::make(&store.pyramid(), args.threads, args.memory, args.process.take_over)

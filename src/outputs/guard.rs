@@ -123,13 +123,16 @@ impl Guard {
         Ok(())
     }
 
+    /// Paths of the inputs.
+    #[cfg(any(test, feature = "mesh"))]
+    pub fn inputs(&self) -> impl Iterator<Item = &Path> {
+        self.inputs.iter().map(|input| &*input.file)
+    }
+
     /// Paths of the inputs and of the outputs.
     #[cfg(test)]
     pub fn paths(&self) -> [Vec<&Path>; 2] {
-        [
-            self.inputs.iter().map(|input| &*input.file).collect(),
-            self.outputs.iter().map(|output| &*output.path).collect(),
-        ]
+        [self.inputs().collect(), self.outputs.iter().map(|output| &*output.path).collect()]
     }
 }
 

@@ -8,13 +8,15 @@ use std::path::PathBuf;
 impl Guard {
     /// Inputs and the film of a job.
     pub fn of_job(args: &RunArgs) -> Self {
-        Self::default()
-            .reads_chart("chart", &args.chart)
-            .reads_surfaces(&args.surfaces)
+        Self::default().reads_chart("chart", &args.chart).reads_optics(args).writes("FILM", &args.film)
+    }
+
+    /// Adds all inputs of a job but its chart.
+    pub fn reads_optics(self, args: &RunArgs) -> Self {
+        self.reads_surfaces(&args.surfaces)
             .reads_lens(&args.lens)
             .reads_glasses(&args.tracing)
             .reads_ghosts(&args.veil.ghosts)
-            .writes("FILM", &args.film)
     }
 
     /// Adds a table of the film's reflectance.

@@ -1,23 +1,27 @@
 //! The film of a mesh: its scene is made beside the film as FILM.scene, which is the chart, and removed when the film is complete.
 //!
-//! The scene is made again by each run, and its bytes are the same then: the times of its files do not matter (`--trust-input`).
+//! The scene is made again by each run that has shards to compute, and its bytes are the same then: the times of its files do not matter (`--trust-input`).
 
-use crate::args::{PlacementArgs, RunArgs, RunCommand, SceneArgs};
+mod request;
+
+use super::{Source, already_complete, run_job_of};
+use crate::args::{PlacementArgs, RunCommand, SceneArgs};
 use crate::commands::scene;
 use crate::failure::{other_job, usage};
 use crate::job::arguments::Arguments;
-use crate::open::check_has_files;
+use crate::open::{check_has_files, is_mesh};
+use crate::progress::jsonl::Jsonl;
 use crate::progress::log_line;
 use anyhow::Result;
 use formats::durable::{Store, link_target};
 use formats::film::FilmStore;
-use formats::mesh::is_mesh;
 use formats::scene::SceneStore;
+use serde_json::Value;
 use std::path::{Path, PathBuf};
 
 /// Whether the chart of `args` is a mesh.
 pub fn is_of_mesh(args: &RunCommand) -> bool {
-    args.work.plan.is_none() && is_mesh(Path::new(&args.job.chart))
+    args.work.plan.is_none() && is_mesh(&args.job.chart)
 }
 
 /// Path of the scene of the film `film`.
@@ -27,11 +31,12 @@ pub fn scene_path(film: &Path) -> PathBuf {
     PathBuf::from(format!("{}.scene", name.trim_end_matches('/')))
 }
 
-/// Makes the scene of the mesh of `args`, calls `run` with the job of its film, and removes the scene when the film is complete; the exit code.
+/// Makes the scene of the mesh of `args` and its film, and removes the scene when the film is complete; the exit code. Of a film that is complete the scene is not
+/// made again.
 ///
 /// # Errors
 /// Flags that do not fit a mesh; those of the scene and of the film.
-pub fn run(args: &RunCommand, run: impl FnOnce(&RunArgs) -> Result<u8>) -> Result<u8> {
+pub fn run(args: &RunCommand, jsonl: Option<&Jsonl>) -> Result<u8> {
     let out = scene_path(&args.job.film);
     // What the film would be refused for.
     Arguments::resolve(&args.job, true)?;
@@ -44,20 +49,58 @@ pub fn run(args: &RunCommand, run: impl FnOnce(&RunArgs) -> Result<u8>) -> Resul
     if args.job.check_input {
         check_has_files(&out)?;
     }
-    match scene::command(&scene_args(args, &out)?)? {
+    let of_scene = scene_args(args, &out)?;
+    let asked = request::request(&args.job);
+    if let Some(film) = complete_film(args, &of_scene, asked.as_ref())? {
+        let code = already_complete(&args.job, &film, jsonl, args.work.progress)?;
+        if code == 0 && is_of_job(&out, request::scene_digest(&film)) {
+            remove(&out);
+        }
+        return Ok(code);
+    }
+    match scene::command(&of_scene)? {
         0 => {}
         code => return Ok(code),
     }
     let mut job = args.job.clone();
     job.chart = out.display().to_string();
     job.trust_input |= !job.check_input;
-    let code = run(&job)?;
+    let source = asked.map(|asked| Source { key: request::MESH, value: asked });
+    let code = run_job_of(&job, source, jsonl, args.work.progress)?;
     if code != 0 || args.mesh.keep_scene {
         log_line(format!("the scene is {}", out.display()));
-    } else if let Err(e) = SceneStore::remove(&out) {
-        log_line(format!("note: the film is complete; its scene remains: {e}"));
+    } else {
+        remove(&out);
     }
     Ok(code)
+}
+
+/// The film of `args`, if it is complete, of the same request and of the same scene; not if the scene is to be kept.
+fn complete_film(
+    args: &RunCommand,
+    of_scene: &SceneArgs,
+    asked: Option<&Value>,
+) -> Result<Option<FilmStore>> {
+    let (Some(asked), false) = (asked, args.mesh.keep_scene) else { return Ok(None) };
+    let Some(film) = request::complete_film(&args.job, asked)? else { return Ok(None) };
+    let is_same = request::scene_digest(&film) == Some(&scene::job_digest(of_scene)?);
+    Ok(is_same.then_some(film))
+}
+
+/// Whether the scene of the job of that digest is at `path`.
+fn is_of_job(path: &Path, job_digest: Option<&str>) -> bool {
+    let scene = SceneStore::open_to_verify(path, true);
+    scene.is_ok_and(|scene| {
+        let found = scene.attributes().get("provenance").and_then(|p| p["job_digest"].as_str());
+        found.is_some() && found == job_digest
+    })
+}
+
+/// Removes the scene of a complete film.
+fn remove(scene: &Path) {
+    if let Err(e) = SceneStore::remove(scene) {
+        log_line(format!("note: the film is complete; its scene remains: {e}"));
+    }
 }
 
 /// The request of the scene `out`.

@@ -91,6 +91,11 @@ impl SceneJob {
         (self.spec.sheets * self.plane_bytes() * self.spec.size.pixels()) as u64
     }
 
+    /// Digest of everything that changes its numbers.
+    pub fn digest(&self) -> String {
+        digest(&Value::Object(self.identity.clone()))
+    }
+
     /// Attributes of the scene but those of its layout.
     pub fn all_attributes(&self) -> Map<String, Value> {
         let layout = json!({ "shard": self.spec.shard, "chunk": self.spec.chunk });
@@ -98,7 +103,7 @@ impl SceneJob {
         let mut all = self.attributes.clone();
         let provenance = object! {
             "program": concat!("lenscube ", env!("CARGO_PKG_VERSION")),
-            "job_digest": digest(&identity),
+            "job_digest": self.digest(),
             "job": identity,
             "layout_digest": digest(&layout),
             "layout": layout,
@@ -173,7 +178,7 @@ fn identity(
         "missing_textures_grey": args.look.missing_textures == MissingTextures::Grey,
         "sun": sun,
         "sky_lx": args.look.sky,
-        "sky_samples": args.look.sky.map(|_| args.look.sky_samples),
+        "sky_samples": args.look.sky.map(|_| args.look.sky_directions()),
         "lights": args.look.lights == Some(LightsArg::File),
         "background": settings.background.as_ref().map(|b| json!({ "vergence": b.vergence, "weights": b.weights })),
     };
