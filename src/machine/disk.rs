@@ -9,7 +9,17 @@ use std::path::Path;
 /// # Errors
 /// The file system does not tell.
 pub fn free_space(output: &Path) -> Result<Option<u64>> {
-    Ok(if is_url(output) { None } else { Some(free_bytes(existing(output))?) })
+    if is_url(output) {
+        return Ok(None);
+    }
+    let mut path = existing(output);
+    loop {
+        match free_bytes(path) {
+            // Another process has removed it since.
+            Err(_) if !path.exists() && parent_of(path) != path => path = existing(path),
+            found => return Ok(Some(found?)),
+        }
+    }
 }
 
 /// The first existing path among `path` and the directories above it.

@@ -9,7 +9,7 @@ use std::path::Path;
 use rustix::fs::CWD;
 
 use super::directory::Directory;
-use super::error::DurableError;
+use super::error::{DurableError, is_not_found};
 use super::file_system::parent_of;
 use super::handle;
 use super::rename::publish;
@@ -39,8 +39,16 @@ pub(super) fn remove_all(
         return Ok(Removal::Foreign(names));
     }
     let root = directory.root();
+    // Renamed for as short a time as possible if it is another one: a run that writes to it would fail.
+    if !directory.is_at(root)? && root.symlink_metadata().is_ok() {
+        return Ok(Removal::Replaced);
+    }
     let temp = parent_of(root).join(temp_name());
-    publish(root, &temp, true)?;
+    match publish(root, &temp, true) {
+        // Another process has removed it meanwhile.
+        Err(DurableError::Io { source, .. }) if is_not_found(&source) => return Ok(Removal::Done),
+        renamed => renamed?,
+    };
     let restored = |removal| restore(&temp, root).map(|()| removal);
     if !directory.is_at(&temp)? {
         return restored(Removal::Replaced);

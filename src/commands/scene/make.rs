@@ -27,6 +27,9 @@ use std::time::Instant;
 /// Bytes of a thread's tile while it is made: hits of a row of pixels, planes of the tile, a shard's plane and its encoded bytes.
 const THREAD_BYTES: usize = 24 << 20;
 
+/// Attempts to create or open a scene that other processes remove and create meanwhile.
+const ATTEMPTS: usize = 3;
+
 /// Makes or resumes the scene of `job`; the exit code.
 pub fn scene(
     args: &SceneArgs,
@@ -77,13 +80,17 @@ fn open(args: &SceneArgs, job: &SceneJob, out: &Path) -> Result<SceneStore> {
     if args.overwrite {
         group::remove(out, args.take_over, SceneStore::remove)?;
     }
-    match SceneStore::create(out, job.spec.clone(), job.all_attributes(), !args.no_fsync) {
-        Err(GroupError::Exists { .. }) => match resumed(args, job, out)? {
-            Some(store) => Ok(store),
-            None => Err(GroupError::Exists { kind: GroupKind::Scene, path: out.into() }.into()),
-        },
-        created => Ok(created?),
+    for _ in 0..ATTEMPTS {
+        match SceneStore::create(out, job.spec.clone(), job.all_attributes(), !args.no_fsync) {
+            Err(GroupError::Exists { .. }) => {
+                if let Some(store) = resumed(args, job, out)? {
+                    return Ok(store);
+                }
+            }
+            created => return Ok(created?),
+        }
     }
+    Err(GroupError::Exists { kind: GroupKind::Scene, path: out.into() }.into())
 }
 
 /// The scene at `out`, if it is this job's own; `None` if nothing is there.
