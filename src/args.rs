@@ -125,9 +125,9 @@ pub enum Command {
     Compare(Box<CompareArgs>),
     /// Divide a job into units for many processes, on one machine or on a cluster
     Plan(Box<PlanArgs>),
-    /// Report the progress of a film
+    /// Report the progress of a film, raw or scene
     Status(StatusArgs),
-    /// Read a complete film and list missing or damaged parts
+    /// Read a complete film, raw or scene and list missing or damaged parts
     Verify(VerifyArgs),
     /// Export a film or a chart as a picture (PNG, TIFF) or as data (EXR, TIFF, ENVI, NPY)
     Export(ExportArgs),

@@ -8,17 +8,43 @@ use crate::progress::{counting, log_line};
 use anyhow::Result;
 use formats::chart::{AxisOrder, ChartError, ChartRequest, NanPolicy, holds_arrays, split_array};
 pub use formats::chart::{Chart, check_has_files};
+use formats::durable::is_url;
 use formats::lens::{LensPack, builtin, builtin_names};
+use formats::mesh_name;
 use formats::raw::RawStore;
+use formats::scene::SceneStore;
 use std::path::Path;
 
 /// Whether `spec` is the name of a mesh.
 pub fn is_mesh(spec: &str) -> bool {
-    MESHES.iter().any(|ending| spec.to_lowercase().ends_with(ending))
+    mesh_name::is_mesh(Path::new(spec))
 }
 
-/// Endings of meshes.
-const MESHES: [&str; 4] = [".glb", ".gltf", ".obj", ".ply"];
+/// Fails for a URL, a directory or a Zarr group where a mesh is expected.
+///
+/// # Errors
+/// Usage.
+pub fn check_mesh_file(path: &Path) -> Result<()> {
+    let refused = |what: &str| Err(usage(format!("mesh {}: {what}", path.display())));
+    if is_url(path) {
+        return refused("it is a URL; a mesh is read from files: download it with the files that it names");
+    }
+    match path.is_dir() {
+        false => Ok(()),
+        true if SceneStore::is_one(path).unwrap_or(false) => {
+            refused("it is a scene already, of which `lenscube run` makes a film")
+        }
+        true if path.join("zarr.json").exists()
+            || path.join(".zgroup").exists()
+            || path.join(".zarray").exists() =>
+        {
+            refused(
+                "it is a Zarr store; expected a .glb, .gltf, .obj or .ply file (charts are read by `lenscube run`)",
+            )
+        }
+        true => refused("it is a folder; give the .glb, .gltf, .obj or .ply file in it"),
+    }
+}
 
 /// How a chart is read: flags of the command line.
 #[derive(Clone, Copy, Default)]

@@ -10,6 +10,7 @@
 //! | [`mod@export`] | films as OpenEXR, TIFF or flat files |
 //! | [`mod@raw`], [`mod@sensor`] | raws of a sensor; descriptions of sensors |
 //! | `mesh` | triangle meshes of glTF, OBJ and PLY files (feature `mesh`) |
+//! | [`mod@mesh_name`] | names of such files |
 //! | [`mod@scene`] | scenes: weights of spectra, distances and coverages of the surfaces of a mesh |
 //! | [`mod@developed`], [`mod@dng`] | developed raws as PNG, TIFF, OpenEXR; raws as DNG |
 //! | [`mod@picture`] | pictures and plots for people |
@@ -51,6 +52,7 @@ mod inflate;
 pub mod lens;
 #[cfg(feature = "mesh")]
 pub mod mesh;
+pub mod mesh_name;
 mod npy;
 mod object;
 pub mod parallel;

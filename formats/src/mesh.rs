@@ -25,6 +25,7 @@ mod uri;
 
 use std::path::Path;
 
+use crate::mesh_name::{EXTENSIONS, extension};
 use pipeline::scene::description::Scene;
 
 pub use error::MeshError;
@@ -34,22 +35,11 @@ pub use obj::read_obj;
 pub use ply::read_ply;
 pub use source::SourceFile;
 
-/// Reads a mesh, and its extension.
+/// Reads a mesh.
 type Read = fn(&Path, &Limits) -> Result<(Scene, Vec<SourceFile>), MeshError>;
 
-/// Formats by the extension of a file's name.
-const FORMATS: [(&str, Read); 4] =
-    [("glb", read_gltf), ("gltf", read_gltf), ("obj", read_obj), ("ply", read_ply)];
-
-/// The extension of `path` in lower case.
-fn extension(path: &Path) -> String {
-    path.extension().map_or(String::new(), |e| e.to_string_lossy().to_lowercase())
-}
-
-/// Whether the name of `path` is that of a mesh.
-pub fn is_mesh(path: &Path) -> bool {
-    FORMATS.iter().any(|(name, _)| *name == extension(path))
-}
+/// Readers, by the extensions of names.
+const READERS: [Read; EXTENSIONS.len()] = [read_gltf, read_gltf, read_obj, read_ply];
 
 /// Whether the name of `path` is that of a glTF file, which is in metres with +Y up.
 pub fn is_gltf(path: &Path) -> bool {
@@ -61,16 +51,21 @@ pub fn is_gltf(path: &Path) -> bool {
 /// # Errors
 /// See [`MeshError`].
 pub fn read(path: &Path, limits: &Limits) -> Result<(Scene, Vec<SourceFile>), MeshError> {
-    match FORMATS.iter().find(|(name, _)| *name == extension(path)) {
-        Some((_, read)) => read(path, limits),
-        None => Err(MeshError::Unsupported {
-            path: path.into(),
-            place: "its name".into(),
-            found: match &*extension(path) {
-                "" => "a name without extension".into(),
-                extension => format!(".{extension}"),
-            },
-            way_out: "convert it to .glb, .gltf, .obj or .ply".into(),
-        }),
+    let extension = extension(path);
+    let unsupported = |found: String, way_out: String| {
+        Err(MeshError::Unsupported { path: path.into(), place: "its name".into(), found, way_out })
+    };
+    let Some(number) = EXTENSIONS.iter().position(|name| *name == extension) else {
+        let found = match &*extension {
+            "" => "a name without extension".into(),
+            extension => format!(".{extension}"),
+        };
+        return unsupported(found, "convert it to .glb, .gltf, .obj or .ply".into());
+    };
+    match source::signature(path) {
+        Some(other) if other != extension && !(other == "glb" && is_gltf(path)) => {
+            unsupported(format!(".{extension} for content of .{other}"), format!("rename it to .{other}"))
+        }
+        _ => READERS[number](path, limits),
     }
 }

@@ -153,9 +153,9 @@ pub struct LookArgs {
     /// Even light from all directions, with shadows: lx on an open surface
     #[arg(long, allow_negative_numbers = true, value_name = "LX", value_parser = positive)]
     pub sky: Option<f64>,
-    /// Directions in which the sky is sampled: 1, 4, 16 or 64
-    #[arg(long, value_name = "N", value_parser = samples, default_value = "64")]
-    pub sky_samples: usize,
+    /// Directions in which the sky is sampled: 1, 4, 16 or 64 [default: 64]
+    #[arg(long, value_name = "N", value_parser = samples)]
+    pub sky_samples: Option<usize>,
     /// Lamps of the file (KHR_lights_punctual): file
     #[arg(long, value_parser = one_of(LIGHTS))]
     pub lights: Option<LightsArg>,
@@ -177,6 +177,12 @@ pub struct LookArgs {
 const TIMES_TEXTURE: &str = "*texture";
 
 impl LookArgs {
+    /// Directions in which the sky is sampled.
+    #[cfg(feature = "mesh")]
+    pub fn sky_directions(&self) -> usize {
+        self.sky_samples.unwrap_or(64)
+    }
+
     /// The spectra of `--material`: its text, name and file, and whether the texture's luminance multiplies it; `None` for a text without `=`.
     pub fn materials(&self) -> impl Iterator<Item = (&str, Option<(&str, &Path, bool)>)> {
         self.material.iter().map(|text| {

@@ -11,7 +11,7 @@ use std::path::PathBuf;
 lenscube status film.zarr --json | jq .missing\n  lenscube status --plan job.json --missing"
 )]
 pub struct StatusArgs {
-    /// Film or raw: PATH or URL [default: the film of the plan]
+    /// Film, raw or scene: PATH or URL [default: the film of the plan]
     #[arg(value_name = "FILM", required_unless_present = "plan")]
     pub film: Option<PathBuf>,
     /// Report the film of this plan, and its units
@@ -32,12 +32,12 @@ pub struct StatusArgs {
 #[derive(Debug, Args)]
 #[command(after_help = "Examples:\n  lenscube verify film.zarr\n  \
 lenscube verify film.zarr --repair; lenscube run chart.zarr film.zarr     # computes bad shards again\n\
-Exit codes: 0 the film is correct, 4 parts are damaged or missing")]
+Exit codes: 0 all is correct, 4 parts are damaged or missing")]
 pub struct VerifyArgs {
-    /// Film or raw: PATH or URL
+    /// Film, raw or scene: PATH or URL
     #[arg(value_name = "FILM")]
     pub film: PathBuf,
-    /// Write metadata and coordinates again that are wrong; remove bad shards and temporary files: the same `run` computes the shards again
+    /// Write metadata and coordinates again that are wrong; remove bad shards and temporary files: the same `run`, `sensor` or `scene` makes the shards again
     #[arg(long)]
     pub repair: bool,
     /// With --repair: take over a stale lock held by another host

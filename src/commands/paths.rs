@@ -8,7 +8,7 @@ use crate::args::{
 use crate::camera::frame::split_group;
 use crate::commands::lens::convert::catalogue_path;
 use crate::design::{catalogues_of, is_design};
-use crate::open::is_builtin;
+use crate::open::{check_mesh_file, is_builtin, is_mesh};
 use crate::outputs::Guard;
 use anyhow::Result;
 use formats::sensor::builtin_names;
@@ -29,7 +29,10 @@ fn of_command(command: &Command) -> Result<Guard> {
     Ok(match command {
         Command::Demo(args) => guard.writes("--dir", &args.dir),
         Command::Chart(args) => of_chart(args),
-        Command::Scene(args) => of_scene(args),
+        Command::Scene(args) => {
+            check_mesh_file(&args.mesh)?;
+            of_scene(args)
+        }
         Command::Lens(args) => of_lens(&args.command),
         Command::Depth(args) => guard
             .reads_chart("scene", &args.scene)
@@ -38,6 +41,9 @@ fn of_command(command: &Command) -> Result<Guard> {
             .reads_glasses(&args.tracing)
             .may_write("--plot", args.plot.as_ref()),
         Command::Run(args) if args.work.plan.is_none() => {
+            if is_mesh(&args.job.chart) {
+                check_mesh_file(Path::new(&args.job.chart))?;
+            }
             reads_look(Guard::of_job(&args.job), &args.mesh.look)
         }
         Command::Sensor(args) => match &args.command {

@@ -1,6 +1,6 @@
-//! `lenscube status`: progress of a film, without reading pixels.
+//! `lenscube status`: progress of a film, raw or scene, without reading pixels.
 
-mod raw;
+mod other;
 mod report;
 mod text;
 
@@ -17,7 +17,7 @@ use std::path::PathBuf;
 
 /// Runs the command; the exit code.
 pub fn command(args: &StatusArgs) -> Result<u8> {
-    if let Some(code) = raw::status(args)? {
+    if let Some(code) = other::status(args)? {
         return Ok(code);
     }
     let plan = args.plan.as_deref().map(Plan::read).transpose()?.map(|(plan, _)| plan);

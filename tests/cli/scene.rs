@@ -10,6 +10,7 @@ use tempfile::TempDir;
 const USAGE: i32 = 2;
 const OTHER_JOB: i32 = 3;
 const WRONG: i32 = 4;
+const RETRY: i32 = 75;
 
 /// A mesh as an OBJ file, in metres, before a camera at the origin that looks along −z.
 #[derive(Default)]
@@ -260,6 +261,14 @@ fn what_cannot_be_is_refused_before_anything_is_written() {
     std::fs::write(place.at("notes.txt"), "v 0 0 0").unwrap();
     std::fs::write(place.at("empty.obj"), "v 0 0 0\nv 1 0 0\n").unwrap();
     std::fs::write(place.at("bad.obj"), "v 0 0 0\nv 1 0 0\nv 0 1 0\nf 1 2 9\n").unwrap();
+    std::fs::write(place.at("binary.obj"), b"glTF\x02\0\0\0").unwrap();
+    std::fs::write(place.at("painted.mtl"), "newmtl a\nmap_Kd wood.png\n").unwrap();
+    std::fs::write(place.at("wood.png"), "no picture").unwrap();
+    let painted = "mtllib painted.mtl\nv 0 0 -1\nv 1 0 -1\nv 0 1 -1\nusemtl a\nf 1 2 3\n";
+    std::fs::write(place.at("painted.obj"), painted).unwrap();
+    std::fs::create_dir(place.at("folder.obj")).unwrap();
+    std::fs::create_dir(place.at("store.zarr")).unwrap();
+    std::fs::write(place.at("store.zarr/zarr.json"), "{}").unwrap();
     for (mesh, flags, texts) in [
         (&*mesh, &[&lens[..], &looking][..], &["--mesh-unit"][..]),
         (&mesh, &[&lens, &unit], &["no camera", "--eye"]),
@@ -279,6 +288,25 @@ fn what_cannot_be_is_refused_before_anything_is_written() {
         (&mesh, &[&lens, &unit, &looking, &["--illuminant", "D66"]], &["--illuminant D66"]),
         (&mesh, &[&lens, &unit, &looking, &["--lights", "file"]], &["has no lights"]),
         (&mesh, &[&lens, &unit, &looking, &["--memory", "20MiB"]], &["too small"]),
+        (
+            &mesh,
+            &[&lens, &unit, &looking, &["--allow-path", "/none/such"]],
+            &["--allow-path /none/such", "no such folder"],
+        ),
+        (
+            &mesh,
+            &[&lens, &unit, &looking, &["--sky-samples", "4"]],
+            &["--sky-samples", "--sky, which is not given"],
+        ),
+        (&place.at("binary.obj"), &[&lens, &unit, &looking], &["binary.obj", "rename it to .glb"]),
+        (
+            &place.at("painted.obj"),
+            &[&lens, &unit, &looking],
+            &["reading texture", "wood.png", "convert it to PNG"],
+        ),
+        (&place.at("folder.obj"), &[&lens, &unit, &looking], &["folder.obj: it is a folder"]),
+        (&place.at("store.zarr"), &[&lens, &unit, &looking], &["store.zarr: it is a Zarr store", ".obj"]),
+        (Path::new("https://example.org/a.glb"), &[&lens], &["a.glb: it is a URL", "download it"]),
         (&place.at("notes.txt"), &[&lens, &unit, &looking], &["notes.txt", ".glb, .gltf, .obj or .ply"]),
         (&place.at("missing.obj"), &[&lens, &unit, &looking], &["missing.obj"]),
         (&place.at("empty.obj"), &[&lens, &unit, &looking], &["no triangles"]),
@@ -361,6 +389,10 @@ fn a_film_is_made_of_a_mesh_in_one_command() {
     assert!(files(&beside) == files(&out));
     run("", &[]).ok();
     assert!(!beside.exists());
+    // Of the complete film no shard of the scene is made.
+    run("scene-shard:1:kill", &[]).ok();
+    run("scene-shard:1:kill", &["--pyramid"]).ok();
+    assert!(!beside.exists());
     let other =
         lenscube(&[&["run", text(&mesh), text(&direct)], &VIEW[..], &["120x90", "--center", "1,0"]].concat());
     assert_error_line(&other, USAGE, &["--center does not apply to a mesh"]);
@@ -399,6 +431,17 @@ fn a_film_of_another_mesh_or_light_is_another_job() {
     let slash = format!("{}/", text(&film));
     assert_exit(&run("30,40,50000", &slash), OTHER_JOB, &["belongs to another job"]);
     assert!(place.at("film.zarr.scene").exists() && !film.join(".scene").exists());
+    // Other bands are named, not all that differs with them.
+    std::fs::remove_dir_all(place.at("film.zarr.scene")).unwrap();
+    place.mesh();
+    let words = [
+        &["run", text(&mesh), text(&film)],
+        &VIEW[..],
+        &["60x40", "--wavelengths", "560", "--sun", "30,40,50000"],
+    ];
+    let bands = lenscube(&words.concat());
+    assert_exit(&bands, OTHER_JOB, &["wavelengths (film [550.0], requested [560.0])"]);
+    assert!(bands.stderr.lines().last().unwrap().len() < 600, "{}", bands.stderr);
     // A film that cannot be made is refused before the scene is.
     let other = place.at("other.zarr");
     std::fs::create_dir(&other).unwrap();
@@ -427,4 +470,77 @@ fn surfaces_between_corners_count_for_the_margin() {
     assert!(overscan(&[]) >= overscan(&["--depths-m", "0.6:30"]) - 1, "{}", overscan(&[]));
     let wrong = [&["scene", text(&floor), "--info"], &VIEW[..], &["600x600", "--depths-m", "5:30"]].concat();
     assert_error_line(&lenscube(&wrong), USAGE, &["--depths-m", "is seen, nearer than 5.0000 m"]);
+}
+
+/// `status` and `verify` name a scene; one that is made is no mesh; a sun below the horizon has a note.
+#[test]
+fn other_commands_name_a_scene() {
+    let place = Place::new();
+    let (mesh, out) = (place.mesh(), place.at("scene.zarr"));
+    let made = scene(&mesh, &out, "60x40", &["--samples-per-px", "1", "--sun", "10,-5"]);
+    assert_exit(&made, 0, &["5 deg below the horizon"]);
+    assert_exit(
+        &lenscube(&["status", text(&out), "--check"]),
+        0,
+        &["scene, complete: 15 of 15 shards; 3 surfaces of 3 weights"],
+    );
+    std::fs::remove_file(out.join("hidden/2/depth/c/0/0")).unwrap();
+    let found = lenscube(&["status", text(&out), "--check"]);
+    assert_exit(&found, WRONG, &["incomplete: 14 of 15 shards", "missing hidden/2/depth/c/0/0"]);
+    let json: serde_json::Value =
+        serde_json::from_str(&lenscube(&["status", text(&out), "--json"]).ok().stdout).unwrap();
+    assert_eq!(
+        (&json["complete"], &json["shards_done"], &json["weights"]),
+        (&false.into(), &14.into(), &3.into())
+    );
+    assert_error_line(
+        &scene(&out, &place.at("b.zarr"), "60x40", &[]),
+        USAGE,
+        &["is a scene already", "lenscube run"],
+    );
+}
+
+/// A film is complete only for the lens that it was made with: a file of a lens that was written again is read.
+#[test]
+fn a_lens_that_was_written_again_is_compared() {
+    let place = Place::new();
+    let (mesh, film, design) = (place.mesh(), place.at("film.zarr"), place.at("phone.csv"));
+    lenscube(&["lens", "convert", "phone", text(&design)]).ok();
+    let run = || {
+        let words = ["run", text(&mesh), text(&film), "--wavelengths", "550"];
+        let view = VIEW.map(|word| if word == "phone" { text(&design) } else { word });
+        lenscube(&[&words[..], &view, &["60x40"]].concat())
+    };
+    run().ok();
+    let found = run();
+    assert_exit(&found, 0, &["nothing to do"]);
+    assert!(!found.stderr.contains("scene of"), "{}", found.stderr);
+    std::fs::write(&design, std::fs::read(&design).unwrap()).unwrap();
+    assert_exit(&run(), 0, &["scene of", "nothing to do"]);
+}
+
+/// Of two commands that replace a scene at once, each makes it or ends with one line that says to wait or to repeat.
+#[test]
+fn two_commands_that_replace_a_scene_lose_nothing() {
+    let place = Place::new();
+    let (mesh, out) = (place.mesh(), place.at("scene.zarr"));
+    let flags = ["--samples-per-px", "1", "--quiet", "--overwrite"];
+    scene(&mesh, &out, "60x40", &flags).ok();
+    let expected = files(&out);
+    for _ in 0..12 {
+        let start = || {
+            let mut command = command(&mesh, &out, "60x40", &flags);
+            command.stdout(std::process::Stdio::piped()).stderr(std::process::Stdio::piped()).spawn().unwrap()
+        };
+        let results = [start(), start()].map(|child| CommandResult::new(&child.wait_with_output().unwrap()));
+        assert!(results.iter().any(|result| result.code == 0), "{} {}", results[0].stderr, results[1].stderr);
+        for result in results.iter().filter(|result| result.code != 0) {
+            assert_eq!((result.code, result.stderr.lines().count()), (RETRY, 1), "{}", result.stderr);
+            let is_clear = ["is locked by process", "run the same command again"]
+                .iter()
+                .any(|t| result.stderr.contains(t));
+            assert!(is_clear, "{}", result.stderr);
+        }
+        assert!(files(&out) == expected);
+    }
 }

@@ -1,13 +1,27 @@
 //! Errors of reading a mesh: the file, the place in it, what was expected and found, and the way out.
 
-use std::path::PathBuf;
+use std::path::{Path, PathBuf};
+
+use crate::mesh_name::extension;
+
+/// A file in messages: the mesh, or what it names.
+fn named(path: &Path) -> String {
+    let what = match &*extension(path) {
+        "mtl" => "materials",
+        "bin" => "buffer",
+        "png" | "jpg" | "jpeg" | "webp" | "ktx" | "ktx2" | "dds" | "gif" | "bmp" | "tif" | "tiff" | "tga"
+        | "exr" | "hdr" | "avif" | "heif" => "texture",
+        _ => "mesh",
+    };
+    format!("{what} {}", path.display())
+}
 
 /// A mesh cannot be read.
 #[derive(Debug, thiserror::Error)]
 #[non_exhaustive]
 pub enum MeshError {
     /// Error of the operating system.
-    #[error("reading mesh {path}: cannot {action}: {source}")]
+    #[error("reading {path}: cannot {action}: {source}", path = named(.path))]
     Io {
         /// The file.
         path: PathBuf,
@@ -17,7 +31,7 @@ pub enum MeshError {
         source: std::io::Error,
     },
     /// Content that the format does not allow.
-    #[error("reading mesh {path}, {place}: expected {expected}, found {found}")]
+    #[error("reading {path}, {place}: expected {expected}, found {found}", path = named(.path))]
     Invalid {
         /// The file.
         path: PathBuf,
@@ -29,7 +43,7 @@ pub enum MeshError {
         found: String,
     },
     /// Valid content that is not read.
-    #[error("reading mesh {path}, {place}: {found} is not supported; {way_out}")]
+    #[error("reading {path}, {place}: {found} is not supported; {way_out}", path = named(.path))]
     Unsupported {
         /// The file.
         path: PathBuf,
@@ -41,7 +55,7 @@ pub enum MeshError {
         way_out: String,
     },
     /// An extension without which the file cannot be read.
-    #[error("reading mesh {path}: it requires the extension {name}, which is not supported; {way_out}")]
+    #[error("reading {path}: it requires the extension {name}, which is not supported; {way_out}", path = named(.path))]
     Extension {
         /// The file.
         path: PathBuf,
@@ -51,7 +65,7 @@ pub enum MeshError {
         way_out: &'static str,
     },
     /// A name of another file that is refused.
-    #[error("reading mesh {path}, {place}: {uri} is refused: {reason}; {way_out}")]
+    #[error("reading {path}, {place}: {uri} is refused: {reason}; {way_out}", path = named(.path))]
     Refused {
         /// The file.
         path: PathBuf,
@@ -65,7 +79,7 @@ pub enum MeshError {
         way_out: &'static str,
     },
     /// A file of the mesh that is not there.
-    #[error("reading mesh {path}, {place}: {file} is not there; {way_out}", file = file.display())]
+    #[error("reading {path}, {place}: {file} is not there; {way_out}", path = named(.path), file = file.display())]
     Missing {
         /// The mesh.
         path: PathBuf,
@@ -78,7 +92,8 @@ pub enum MeshError {
     },
     /// A picture that does not decode.
     #[error(
-        "reading mesh {path}, {place}: the picture is damaged or truncated: {reason}; restore it from its source, or write it again"
+        "reading {path}, {place}: the picture is damaged or truncated: {reason}; restore it from its source, or write it again",
+        path = named(.path)
     )]
     Picture {
         /// The mesh, or the picture's own file.
@@ -90,7 +105,8 @@ pub enum MeshError {
     },
     /// More memory than allowed.
     #[error(
-        "reading mesh {path}, {place}: it takes {needed} bytes of memory, allowed are {allowed}; give more with --memory"
+        "reading {path}, {place}: it takes {needed} bytes of memory, allowed are {allowed}; give more with --memory",
+        path = named(.path)
     )]
     Memory {
         /// The file.
@@ -103,7 +119,7 @@ pub enum MeshError {
         allowed: u64,
     },
     /// A mesh without a triangle.
-    #[error("reading mesh {path}: no triangles: found {found}")]
+    #[error("reading {path}: no triangles: found {found}", path = named(.path))]
     Empty {
         /// The file.
         path: PathBuf,

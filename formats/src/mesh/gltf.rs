@@ -46,10 +46,8 @@ use document::Document;
 use graph::Placed;
 use material::Materials;
 use pipeline::scene::description::{Camera, Light, Part, Scene};
+use pipeline::scene::mesh::MAX_TRIANGLES;
 use primitive::Primitives;
-
-/// Maximum number of triangles of all parts: their numbers are 32-bit, and one is reserved.
-const MAX_TRIANGLES: u64 = u32::MAX as u64;
 
 /// Reads the scene of the glTF file `path`, and lists the files it consists of, this one first.
 ///
@@ -145,7 +143,7 @@ impl Reading<'_, '_> {
             return Ok(());
         };
         self.triangles += geometry.triangles.len() as u64;
-        if self.triangles > MAX_TRIANGLES {
+        if self.triangles > MAX_TRIANGLES as u64 {
             let found = format!("{} with this one", self.triangles);
             return Err(context.invalid(
                 place(),

@@ -47,13 +47,14 @@ pub fn read_obj(path: &Path, limits: &Limits) -> Result<(Scene, Vec<SourceFile>)
     let context = Context::new(path, limits);
     let text = text::read(&context, path, path)?;
     let counts = Counts::of(&text);
-    let vertices = Vertices::read(&context, &text, &counts)?;
+    let mut vertices = Vertices::read(&context, &text, &counts)?;
     let faces = Faces::read(&context, &text, &counts, &vertices)?;
     grow::free(&context, text);
     if faces.triangles.is_empty() {
         let found = format!("vertices: {}, faces: {}{}", counts.positions, faces.polygons, faces.others());
         return Err(MeshError::Empty { path: path.into(), found });
     }
+    vertices.note_colours(&context, &faces.triangles);
     faces.add_notes(&context);
     let mut library = Library::read(&context, &faces.libraries)?;
     let mut scene = Scene::default();

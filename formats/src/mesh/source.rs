@@ -18,6 +18,19 @@ pub struct SourceFile {
     pub blake3: blake3::Hash,
 }
 
+/// Extension of the format that the first bytes of `path` are of, if they are of one: of glTF the binary form, PLY. What cannot be read has none.
+pub(super) fn signature(path: &Path) -> Option<&'static str> {
+    let mut first = [0; 4];
+    // Opening a pipe would wait for its writer.
+    let file = std::fs::metadata(path).ok()?.is_file().then(|| File::open(path))?.ok()?;
+    file.take(first.len() as u64).read_exact(&mut first).ok()?;
+    match &first {
+        b"glTF" => Some("glb"),
+        b"ply\n" | b"ply\r" => Some("ply"),
+        _ => None,
+    }
+}
+
 /// Reads the regular file `opened` and lists it as `named`. The memory counts as in use until the caller releases it.
 ///
 /// # Errors

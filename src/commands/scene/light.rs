@@ -84,6 +84,9 @@ pub fn assigned_spectra(args: &SceneArgs, prepared: &Prepared) -> Result<Vec<Ass
 
 fn lighting(args: &SceneArgs, prepared: &Prepared) -> Result<Lighting> {
     let look = &args.look;
+    if look.sky_samples.is_some() && look.sky.is_none() {
+        return Err(usage("--sky-samples is the number of directions of --sky, which is not given"));
+    }
     let lights: &[Light] = match look.lights {
         None => &[],
         Some(_) if prepared.scene.lights.is_empty() => {
@@ -105,7 +108,7 @@ fn lighting(args: &SceneArgs, prepared: &Prepared) -> Result<Lighting> {
         sky_lx: look.sky,
         lights,
         unit_m: prepared.unit_m,
-        sky_samples: look.sky_samples,
+        sky_samples: look.sky_directions(),
     };
     let horizon = Horizon::new(&prepared.pose, prepared.up);
     Lighting::new(request, &prepared.pose, &horizon).map_err(|e| usage(e.to_string()))

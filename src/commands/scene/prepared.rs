@@ -10,6 +10,7 @@ use crate::outputs::Guard;
 use crate::progress::mib;
 use anyhow::{Context, Result};
 use formats::mesh::{self, Limits, MeshError, SourceFile};
+use formats::mesh_name::is_mesh;
 use pipeline::design::pinhole::Pinhole;
 use pipeline::scene::description::{Camera, Scene};
 use pipeline::scene::frame::Frame;
@@ -78,6 +79,9 @@ impl Prepared {
         let limit = MemoryLimit::new(args.memory, MAX_DEFAULT);
         let (unit_m, up) = unit_and_axis(args)?;
         illuminant(args)?;
+        if let Some(folder) = args.look.allow_path.iter().find(|folder| !folder.is_dir()) {
+            return Err(usage(format!("--allow-path {}: there is no such folder", folder.display())));
+        }
         let limits = Limits {
             allow_paths: args.look.allow_path.clone(),
             missing_textures_grey: args.look.missing_textures == MissingTextures::Grey,
@@ -89,6 +93,7 @@ impl Prepared {
         })?;
         check_outputs(args, &sources)?;
         let mut notes = std::mem::take(&mut scene.notes);
+        notes.extend(sun_note(args));
         let (pose, camera) = pose(args, &scene, unit_m, up)?;
         let read: usize = scene.bytes();
         let triangles: usize = scene.parts.iter().map(|part| part.geometry.triangles.len()).sum();
@@ -180,7 +185,7 @@ fn unit_and_axis(args: &SceneArgs) -> Result<(f64, UpAxis)> {
         Some(UpAxisArg::Z) => UpAxis::Z,
     };
     std::fs::metadata(&args.mesh).with_context(|| format!("mesh {}", args.mesh.display()))?;
-    if !mesh::is_mesh(&args.mesh) {
+    if !is_mesh(&args.mesh) {
         // Refused by its name when it is read.
         return Ok((1.0, axis));
     }
@@ -287,6 +292,15 @@ fn field_note(args: &SceneArgs, camera: &Camera, pinhole: &Pinhole) -> Option<St
             camera.name, args.lens
         )
     })
+}
+
+/// A note on a sun below the horizon.
+fn sun_note(args: &SceneArgs) -> Option<String> {
+    let sun = args.look.sun.filter(|sun| sun.elevation_deg < 0.0)?;
+    Some(format!(
+        "--sun: it is {} deg below the horizon: what faces up is dark, and only the mesh casts shadows on what faces down",
+        -sun.elevation_deg
+    ))
 }
 
 /// A note on distances that look like those of another unit.

@@ -254,11 +254,18 @@ fn colours_of_vertices_are_decoded_and_others_are_white() {
     assert_eq!(
         scene.notes,
         [
-            "vertices without colour are white: 3",
+            "vertices without colour are white: 2",
             "vertices whose colours are outside 0…1 and are clipped: 1; colours of 0…255 must be divided by 255",
             "vertices whose weight (w) is not applied: 1"
         ]
     );
+}
+
+#[test]
+fn colours_of_vertices_without_surface_have_no_note() {
+    let scene =
+        Files::new("v 0 0 0 1 1 0\nv 1 0 0 1 0 0\nv 0 1 0 0 0 1\nv 9 9 9\nv 9 9 8 255 0 0\nf 1 2 3").scene();
+    assert_eq!((scene.notes.len(), scene.parts[0].geometry.colours.len()), (0, 3), "{:?}", scene.notes);
 }
 
 #[test]
@@ -372,14 +379,14 @@ fn wrong_materials_are_errors_with_file_and_line() {
         ("d", r#"a number of 0 to 1, found """#),
     ] {
         let error = with_material(statements).error();
-        assert_eq!(error, format!("reading mesh a.mtl, line 2: expected {expected}"), "{statements}");
+        assert_eq!(error, format!("reading materials a.mtl, line 2: expected {expected}"), "{statements}");
     }
     // The last word of a texture statement is its file.
     assert!(with_material("map_Kd -s 1 1 1").error().contains("a.mtl, line 2: 1 is not there"));
     let files = Files::new(format!("mtllib a.mtl\n{TRIANGLE}f 1 2 3")).with("a.mtl", "Kd 1 1 1\n");
     assert_eq!(
         files.error(),
-        r#"reading mesh a.mtl, line 1: expected newmtl before other statements, found "Kd 1 1 1""#
+        r#"reading materials a.mtl, line 1: expected newmtl before other statements, found "Kd 1 1 1""#
     );
     assert!(with_material("map_Kd ").error().ends_with(r#"expected the name of a texture file, found """#));
 }
@@ -470,14 +477,17 @@ fn missing_refused_and_foreign_textures() {
     let files = with_material("Kd 1 0 0\nmap_Kd gone.png");
     assert_eq!(
         files.error(),
-        "reading mesh a.mtl, line 3: gone.png is not there; restore it, or read the mesh without it by --missing-textures grey"
+        "reading materials a.mtl, line 3: gone.png is not there; restore it, or read the mesh without it by --missing-textures grey"
     );
     let scene = files.read_with(&Limits { missing_textures_grey: true, ..Files::limits() }).unwrap().0;
     assert_eq!((scene.materials[0].colour, scene.textures.len()), ([0.8, 0.0, 0.0], 0));
     assert_eq!(scene.notes, [r#"missing textures, read as 0.8 grey: "gone.png""#]);
     for name in ["../a.png", "/etc/passwd", "http://example.org/a.png", r"C:\a.png", "..\\..\\a.png"] {
         let error = with_material(&format!("map_Kd {name}")).error();
-        assert!(error.starts_with("reading mesh a.mtl, line 2: ") && error.contains("is refused"), "{error}");
+        assert!(
+            error.starts_with("reading materials a.mtl, line 2: ") && error.contains("is refused"),
+            "{error}"
+        );
         let grey = Limits { missing_textures_grey: true, ..Files::limits() };
         let refused = with_material(&format!("map_Kd {name}")).read_with(&grey).map(drop);
         assert!(matches!(refused, Err(MeshError::Refused { .. })));

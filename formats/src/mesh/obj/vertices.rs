@@ -4,6 +4,7 @@ use super::super::context::Context;
 use super::super::error::MeshError;
 use super::super::grow;
 use super::super::text::{Lines, keyword, quote, words};
+use super::faces::Corner;
 use super::{invalid, numbers, single};
 use pipeline::colour::srgb_decode;
 
@@ -40,9 +41,14 @@ pub(super) struct Vertices {
     pub positions: Vec<[f64; 3]>,
     pub texcoords: Vec<[f32; 2]>,
     pub normals: Vec<[f32; 3]>,
-    /// Per position; empty without.
+    /// Per position; empty without. The fourth number is [`UNCOLOURED`] or [`BEYOND`] for a note, else 1.
     pub colours: Vec<[f32; 4]>,
 }
+
+/// Mark of a position without colour.
+const UNCOLOURED: f32 = 2.0;
+/// Mark of a position whose colour is outside 0…1.
+const BEYOND: f32 = 3.0;
 
 impl Vertices {
     pub fn read(context: &Context<'_>, text: &[u8], counts: &Counts) -> Result<Self, MeshError> {
@@ -61,7 +67,7 @@ impl Vertices {
             normals: grow::list(context, "normals", counts.normals)?,
             colours: Vec::new(),
         };
-        let (mut weighted, mut uncoloured, mut beyond) = (0u64, 0u64, 0u64);
+        let mut weighted = 0u64;
         let mut lines = Lines::new(text);
         while let Some((line, statement)) = lines.next() {
             let (word, rest) = keyword(statement);
@@ -71,19 +77,16 @@ impl Vertices {
                     let (values, count) = numbers::<6>(path, line, rest)?;
                     let [x, y, z, r, g, b] = values;
                     match count {
-                        3 => uncoloured += 1,
-                        4 => {
-                            uncoloured += 1;
-                            weighted += u64::from(r != 1.0);
-                        }
+                        3 => {}
+                        4 => weighted += u64::from(r != 1.0),
                         6 => {
                             if all.colours.is_empty() {
                                 all.colours = grow::list(context, "colours", counts.positions)?;
                             }
-                            all.colours.resize(all.positions.len(), [1.0; 4]);
-                            beyond += u64::from([r, g, b].iter().any(|v| !(0.0..=1.0).contains(v)));
+                            all.colours.resize(all.positions.len(), [1.0, 1.0, 1.0, UNCOLOURED]);
+                            let is_beyond = [r, g, b].iter().any(|v| !(0.0..=1.0).contains(v));
                             let [r, g, b] = [r, g, b].map(|v| srgb_decode(v) as f32);
-                            all.colours.push([r, g, b, 1.0]);
+                            all.colours.push([r, g, b, if is_beyond { BEYOND } else { 1.0 }]);
                         }
                         _ => return wrong("v with 3 coordinates, a weight or 3 colour values after them"),
                     }
@@ -109,19 +112,31 @@ impl Vertices {
             }
         }
         if !all.colours.is_empty() {
-            all.colours.resize(all.positions.len(), [1.0; 4]);
-            if uncoloured > 0 {
-                context.note(format!("vertices without colour are white: {uncoloured}"));
-            }
+            all.colours.resize(all.positions.len(), [1.0, 1.0, 1.0, UNCOLOURED]);
+        }
+        if weighted > 0 {
+            context.note(format!("vertices whose weight (w) is not applied: {weighted}"));
+        }
+        Ok(all)
+    }
+
+    /// Notes on the colours of the corners of `triangles`, and removes the marks.
+    pub fn note_colours(&mut self, context: &Context<'_>, triangles: &[[Corner; 3]]) {
+        let (mut uncoloured, mut beyond) = (0u64, 0u64);
+        for corner in triangles.iter().flatten() {
+            let Some([.., mark]) = self.colours.get_mut(corner[0] as usize) else { continue };
+            uncoloured += u64::from(*mark == UNCOLOURED);
+            beyond += u64::from(*mark == BEYOND);
+            *mark = 1.0;
+        }
+        self.colours.iter_mut().for_each(|colour| colour[3] = 1.0);
+        if uncoloured > 0 {
+            context.note(format!("vertices without colour are white: {uncoloured}"));
         }
         if beyond > 0 {
             context.note(format!(
                 "vertices whose colours are outside 0…1 and are clipped: {beyond}; colours of 0…255 must be divided by 255"
             ));
         }
-        if weighted > 0 {
-            context.note(format!("vertices whose weight (w) is not applied: {weighted}"));
-        }
-        Ok(all)
     }
 }
