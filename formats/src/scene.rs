@@ -3,9 +3,10 @@
 //!
 //! | array | shape, type | meaning |
 //! |---|---|---|
-//! | `weights` | (basis, y, x) f32 | radiance of band λ = Σ_b weights_b · S_b(λ); 0 where the coverage is 0 |
+//! | `weights` | (basis, y, x) f32, or f16 | radiance of band λ = Σ_b weights_b · S_b(λ); 0 where the coverage is 0 |
 //! | `depth` | (y, x) f32 | distance along the axis in m; 0, without meaning, where the coverage is 0 |
 //! | `coverage` | (y, x) f32 | share of the pixel that the surface covers, of what the surfaces before it leave |
+//! | `object` | (y, x) u32 | optional: number of the object that is seen first + 1; 0 where there is none |
 //! | `hidden/1/weights`, `hidden/1/depth`, `hidden/1/coverage`, … | the same | the surfaces behind, the nearest first |
 //!
 //! Coordinates `basis` (its number), `y` and `x` (mm on the ideal image plane). Shards of 512 × 2048 px, chunks of 512, blosc zstd 1 with byte shuffle
@@ -25,10 +26,28 @@ pub use spec::{Plane, SceneShard, SceneSpec};
 
 use crate::group::{GroupError, GroupKind, JobGroup, ShardFile, VerifyReport};
 use crate::parallel::Progress;
-use crate::shard::{Codec, SampleType, ShardEncoder};
+use crate::shard::{Codec, SampleType, ShardEncoder, ShardError};
 
 /// Distance of a surface at infinity, m: arrays hold finite numbers, and readers take 10⁶ m or more for infinity.
 pub const FAR_M: f32 = 1e9;
+
+/// Numbers of objects are smaller: their bits are those of a finite float.
+const MAX_OBJECT: u32 = f32::MAX.to_bits();
+
+/// The float whose bits are the number of the object `node` + 1; `None`: of no object.
+pub fn object_bits(node: Option<u32>) -> f32 {
+    f32::from_bits(node.map_or(0, |node| node.saturating_add(1).min(MAX_OBJECT)))
+}
+
+/// Encoders of a scene's arrays.
+#[derive(Debug)]
+struct Encoders {
+    /// With fill value 0. Numbers of objects as well, as the floats of the same bits: encoded, their bytes are those of u32.
+    zero: ShardEncoder,
+    /// With fill value 1.
+    one: ShardEncoder,
+    weights: ShardEncoder,
+}
 
 /// A scene on disk. Shards are encoded and committed on any number of threads.
 #[derive(Debug)]
@@ -36,8 +55,7 @@ pub struct SceneStore {
     group: JobGroup,
     spec: SceneSpec,
     attributes: Map<String, Value>,
-    /// Of arrays with fill value 0 and 1.
-    encoders: [ShardEncoder; 2],
+    encoders: Encoders,
 }
 
 impl SceneStore {
@@ -90,11 +108,16 @@ impl SceneStore {
     }
 
     fn new(group: JobGroup, spec: SceneSpec, attributes: Map<String, Value>) -> Result<Self, GroupError> {
-        let encoder = |fill| match ShardEncoder::new(Codec::Zstd, SampleType::F32, spec.chunk, None) {
+        let encoder = |sample, fill| match ShardEncoder::new(Codec::Zstd, sample, spec.chunk, None) {
             Ok(encoder) => Ok(encoder.leaving_out(fill)),
             Err(e) => Err(GroupError::Codec { reason: e.to_string() }),
         };
-        Ok(Self { encoders: [encoder(0.0)?, encoder(1.0)?], group, spec, attributes })
+        let encoders = Encoders {
+            zero: encoder(SampleType::F32, 0.0)?,
+            one: encoder(SampleType::F32, 1.0)?,
+            weights: encoder(spec.weight_sample(), 0.0)?,
+        };
+        Ok(Self { encoders, group, spec, attributes })
     }
 
     /// Removes the scene at `path`, if there is one. A symbolic link at `path` stays.
@@ -140,7 +163,7 @@ impl SceneStore {
         Ok(std::iter::zip(shards, found).filter(|(_, size)| size.is_none()).map(|(s, _)| *s).collect())
     }
 
-    /// Encodes and writes a shard, whose rows ([`SceneSpec::shard_rect`]) `row` returns. Returns the bytes written.
+    /// Encodes and writes a shard, whose rows ([`SceneSpec::shard_rect`]) `row` returns; of numbers of objects the floats of their bits ([`object_bits`]). Returns the bytes written.
     ///
     /// # Errors
     /// [`GroupError::Storage`]; the shard is then unchanged. [`GroupError::Replaced`] or [`GroupError::Recreated`] if another scene has replaced
@@ -149,7 +172,12 @@ impl SceneStore {
         let file = self.shard_file(shard);
         let size = (file.rect.height, file.rect.width);
         let bytes = file.encoder.encode_rows(row, size, file.encoder.chunks_of(file.shape));
-        let bytes = bytes.map_err(|e| GroupError::Codec { reason: e.to_string() })?;
+        let bytes = bytes.map_err(|e| match e {
+            ShardError::Overflow { .. } => {
+                GroupError::Codec { reason: format!("{e}; make the scene without --half") }
+            }
+            e => GroupError::Codec { reason: e.to_string() },
+        })?;
         let count = bytes.len() as u64;
         self.group.commit(&file.key, bytes.into())?;
         Ok(count)
@@ -159,7 +187,11 @@ impl SceneStore {
     fn shard_file(&self, shard: SceneShard) -> ShardFile<'_> {
         ShardFile {
             key: shard.key(),
-            encoder: &self.encoders[usize::from(shard.fill_value() == 1.0)],
+            encoder: match shard.plane {
+                Plane::Weight(_) => &self.encoders.weights,
+                _ if shard.fill_value() == 1.0 => &self.encoders.one,
+                _ => &self.encoders.zero,
+            },
             shape: self.spec.shard_shape(),
             rect: self.spec.shard_rect(shard.place),
         }

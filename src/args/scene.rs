@@ -2,18 +2,24 @@
 
 use super::choices::{Choices, one_of};
 use super::design::{DESIGN_FILES, Depths, DesignArgs, depths, focus_m};
+use super::run::ProcessArgs;
 use super::values::{bounded, bytes, number, pitch, positive, size, threads};
 use clap::{Args, Command, FromArgMatches};
 use pipeline::bounds::Bound;
 use pipeline::geometry::Size;
 use std::path::{Path, PathBuf};
 
+/// Heading of the flags of scenes that exist.
+const EXISTING: &str = "Existing scene";
 /// Difference of blur between surfaces, px.
 const GAP_PX: Bound = Bound { name: "a difference of blur", unit: "px", min: 0.01, max: 1000.0 };
 
 /// `lenscube scene`
 #[derive(Clone, Debug, Args)]
 #[command(
+    mut_arg("overwrite", |a| a.help("Remove an existing scene and start again").help_heading(EXISTING)),
+    mut_arg("force", |a| a.help("Start although the disk is too small for the scene").help_heading(EXISTING)),
+    mut_arg("take_over", |a| a.help_heading(EXISTING)),
     after_help = "Example:\n  lenscube scene room.glb scene.zarr --lens phone --focus-m 1 --film-size 2000x1500 --film-pitch-um 1.5\n  \
 lenscube run scene.zarr film.zarr --lens phone --focus-m 1 --film-size 2000x1500 --film-pitch-um 1.5 --wavelengths 400:700:10\n\
 Surfaces are matt and lit evenly, or by sun, sky and lamps with shadows; no light bounces, nothing shines, refracts or mirrors. The camera's place is the \
@@ -66,15 +72,9 @@ pub struct SceneArgs {
     /// Do not wait for the disk after each file: faster, but a power failure may lose some
     #[arg(long, help_heading = "Machine")]
     pub no_fsync: bool,
-    /// Remove an existing scene and start again
-    #[arg(long, help_heading = "Existing scene")]
-    pub overwrite: bool,
-    /// Start although the disk is too small for the scene
-    #[arg(long, help_heading = "Existing scene")]
-    pub force: bool,
-    /// Take over a stale lock held by another host
-    #[arg(long, help_heading = "Existing scene")]
-    pub take_over: bool,
+    /// Flags of one process.
+    #[command(flatten)]
+    pub process: ProcessArgs,
     /// Parameters of the design.
     #[command(flatten)]
     pub design: DesignArgs,
@@ -129,6 +129,12 @@ pub struct SurfaceArgs {
     /// Show the back of materials that are declared one-sided
     #[arg(long)]
     pub two_sided: bool,
+    /// Store weights as 16-bit floats: half the size, relative errors up to 2^-11
+    #[arg(long)]
+    pub half: bool,
+    /// Store the array `object` (u32): the number of the object that is seen first, the nearest in the pixel, + 1: its node in glTF, its place in OBJ; 0: none
+    #[arg(long)]
+    pub ids: bool,
 }
 
 /// Materials and light of the scene.

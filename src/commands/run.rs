@@ -116,22 +116,16 @@ pub fn run_job(args: &RunArgs, jsonl: Option<&Jsonl>, progress: ProgressArg) -> 
     run_job_of(args, None, jsonl, progress)
 }
 
-/// What a film records of its inputs beside chart and lens, in its attribute `source`.
-struct Source {
-    key: &'static str,
-    value: Value,
-}
-
-/// As [`run_job`], of a film that records `source`.
+/// As [`run_job`], of a film whose attribute `source` has the further field `source`: key and value.
 fn run_job_of(
     args: &RunArgs,
-    source: Option<Source>,
+    source: Option<(&str, Value)>,
     jsonl: Option<&Jsonl>,
     progress: ProgressArg,
 ) -> Result<u8> {
     let start = Instant::now();
     let mut job = forecast::resolved(args)?;
-    if let Some(Source { key, value }) = source {
+    if let Some((key, value)) = source {
         job.source[key] = value;
     }
     forecast::check_space_of_new_film(&job, args)?;

@@ -9,6 +9,7 @@ mod illuminant;
 mod job;
 mod light;
 mod make;
+mod objects;
 mod prepared;
 mod report;
 mod seen;

@@ -472,6 +472,50 @@ fn surfaces_between_corners_count_for_the_margin() {
     assert_error_line(&lenscube(&wrong), USAGE, &["--depths-m", "is seen, nearer than 5.0000 m"]);
 }
 
+/// Weights of 16 bits are those of 32, rounded; both options belong to the job; the film of such a scene.
+#[test]
+fn weights_of_16_bits_and_numbers_of_objects_are_of_the_job() {
+    let place = Place::new();
+    let (mesh, whole, small) = (place.mesh(), place.at("whole.zarr"), place.at("small.zarr"));
+    let flags = ["--samples-per-px", "4", "--quiet", "--sun", "150,40"];
+    let both = [&flags[..], &["--half", "--ids"]].concat();
+    scene(&mesh, &whole, "120x90", &flags).ok();
+    for fault in ["scene-shard:3:kill", "commit:2:kill"] {
+        let mut command = command(&mesh, &small, "120x90", &both);
+        assert!(!command.env("LENSCUBE_FAULT", fault).output().unwrap().status.success(), "{fault}");
+    }
+    scene(&mesh, &small, "120x90", &[&both[..], &["--threads", "1"]].concat()).ok();
+    let again = place.at("again.zarr");
+    scene(&mesh, &again, "120x90", &[&both[..], &["--threads", "2"]].concat()).ok();
+    assert!(files(&small) == files(&again));
+    for array in ["weights", "hidden/1/weights"] {
+        let (expected, found) = (pixels(&whole, array).1, pixels(&small, array).1);
+        let mut lit = 0;
+        for (a, b) in expected.iter().flatten().zip(found.iter().flatten()) {
+            // Half a unit of the last of 11 bits; below 2^-14 the step is 2^-24.
+            assert!((a - b).abs() <= (a.abs() / 2048.0).max(1.0 / (1 << 25) as f32), "{array}: {a} {b}");
+            lit += usize::from(*b > 0.0);
+        }
+        assert!(lit > 1000 || array != "weights", "{lit}");
+    }
+    assert_eq!(bits(&pixels(&whole, "depth").1), bits(&pixels(&small, "depth").1));
+    assert!(small.join("object/c/0/0").is_file() && !whole.join("object").exists());
+    assert_exit(&lenscube(&["verify", text(&small)]), 0, &["16 shards", "0 defects"]);
+    assert_exit(&scene(&mesh, &small, "120x90", &[&flags[..], &["--half"]].concat()), OTHER_JOB, &["ids"]);
+    assert_exit(&scene(&mesh, &whole, "120x90", &both), OTHER_JOB, &["half", "ids"]);
+    let film = |scene: &Path, film: &str| {
+        let film = place.at(film);
+        let lens = ["--lens", "phone", "--focus-m", "1", "--wavelengths", "500,600", "--quiet"];
+        lenscube(&[&["run", text(scene), text(&film)], &lens[..]].concat()).ok();
+        pixels(&film, "film").1
+    };
+    let (a, b) = (film(&whole, "a.zarr"), film(&small, "b.zarr"));
+    let peak = a.iter().flatten().fold(0.0f32, |m, v| m.max(*v));
+    // The absolute sum of the weights of the bicubic interpolation is below 1.3 of 2^-11.
+    assert!(a.iter().flatten().zip(b.iter().flatten()).all(|(a, b)| (a - b).abs() <= peak / 1575.0));
+    assert!(bits(&a) != bits(&b));
+}
+
 /// `status` and `verify` name a scene; one that is made is no mesh; a sun below the horizon has a note.
 #[test]
 fn other_commands_name_a_scene() {

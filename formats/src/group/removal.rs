@@ -49,7 +49,7 @@ fn is_array_name(kind: GroupKind, name: &str) -> bool {
             matches!(name, "film" | "invented" | "veil" | "veil_tail" | "wavelength" | "y" | "x")
         }
         GroupKind::Raw => matches!(name, "raw" | "signal" | "frame" | "exposure_s" | "y" | "x"),
-        GroupKind::Scene => matches!(name, "weights" | "depth" | "coverage" | "basis" | "y" | "x"),
+        GroupKind::Scene => matches!(name, "weights" | "depth" | "coverage" | "object" | "basis" | "y" | "x"),
     };
     own || invented || region(name) || coordinate.is_some_and(region)
 }
@@ -167,6 +167,7 @@ mod tests {
             "hidden/zarr.json",
             "hidden/1/zarr.json",
             "hidden/2/coverage/c/0/3",
+            "object/c/0/0",
             "basis/c/0",
             "runs/whole.lock",
         ] {

@@ -24,6 +24,8 @@ pub enum Plane {
     Depth,
     /// Coverage.
     Coverage,
+    /// Number of the object, of the first surface alone.
+    Object,
 }
 
 /// A file of a scene: a shard of a plane of a sheet, 0 the first one.
@@ -46,6 +48,7 @@ impl SceneShard {
             Plane::Weight(basis) => format!("{group}weights/c/{basis}/{i}/{j}"),
             Plane::Depth => format!("{group}depth/c/{i}/{j}"),
             Plane::Coverage => format!("{group}coverage/c/{i}/{j}"),
+            Plane::Object => format!("{group}object/c/{i}/{j}"),
         }
     }
 
@@ -82,6 +85,10 @@ pub struct SceneSpec {
     pub shard: (usize, usize),
     /// Side of an inner chunk in pixels.
     pub chunk: usize,
+    /// Whether weights are 16-bit floats.
+    pub half: bool,
+    /// Whether there are numbers of objects.
+    pub ids: bool,
 }
 
 impl SceneSpec {
@@ -110,14 +117,27 @@ impl SceneSpec {
     }
 
     /// The planes of a surface.
-    fn planes(&self) -> impl Iterator<Item = Plane> + use<> {
-        (0..self.bases).map(Plane::Weight).chain([Plane::Depth, Plane::Coverage])
+    fn planes(&self, sheet: usize) -> impl Iterator<Item = Plane> + use<> {
+        let object = (self.ids && sheet == 0).then_some(Plane::Object);
+        (0..self.bases).map(Plane::Weight).chain([Plane::Depth, Plane::Coverage]).chain(object)
+    }
+
+    /// Bytes of all pixels before compression.
+    pub fn bytes(&self) -> u64 {
+        let of_sheet = self.bases * self.weight_sample().bytes() + 2 * size_of::<f32>();
+        let of_objects = if self.ids { size_of::<u32>() } else { 0 };
+        ((self.sheets * of_sheet + of_objects) * self.size.pixels()) as u64
+    }
+
+    /// Sample type of weights.
+    pub(super) fn weight_sample(&self) -> SampleType {
+        if self.half { SampleType::F16 } else { SampleType::F32 }
     }
 
     /// The shards at `place`, of all surfaces and planes.
     pub fn shards_at(&self, place: (usize, usize)) -> impl Iterator<Item = SceneShard> + '_ {
         (0..self.sheets)
-            .flat_map(move |sheet| self.planes().map(move |plane| SceneShard { place, sheet, plane }))
+            .flat_map(move |sheet| self.planes(sheet).map(move |plane| SceneShard { place, sheet, plane }))
     }
 
     /// Every shard, row by row.
@@ -165,7 +185,8 @@ impl SceneSpec {
             let prefix = group_of(sheet);
             let planes =
                 [("weights", Plane::Weight(0)), ("depth", Plane::Depth), ("coverage", Plane::Coverage)];
-            for (name, plane) in planes {
+            let object = (self.ids && sheet == 0).then_some(("object", Plane::Object));
+            for (name, plane) in planes.into_iter().chain(object) {
                 all.push((format!("{prefix}{name}"), self.array(sheet, plane)));
             }
         }
@@ -184,7 +205,7 @@ impl SceneSpec {
                 vec![1, c, c],
                 json!({"long_name": "weight of a spectrum", "units": "1"}),
             ),
-            Plane::Depth | Plane::Coverage => (
+            Plane::Depth | Plane::Coverage | Plane::Object => (
                 vec![height, width],
                 vec![shard.height, shard.width],
                 vec!["y", "x"],
@@ -193,15 +214,23 @@ impl SceneSpec {
                     Plane::Depth => {
                         json!({"long_name": "distance along the axis", "units": "m", "unit": "m", "kind": "planar"})
                     }
+                    Plane::Object => {
+                        json!({"long_name": "object seen first, its node + 1; 0: none", "units": "1"})
+                    }
                     _ => {
                         json!({"long_name": "share of the pixel that the surface covers", "units": "1", "light": "straight"})
                     }
                 },
             ),
         };
-        let codecs = sharding_of(Codec::Zstd, SampleType::F32, &inner, false);
-        let mut metadata = array(&shape, &chunk, "float32", codecs, &dimensions, attributes);
-        metadata["fill_value"] = json!(fill_value(sheet, plane));
+        let sample = if let Plane::Weight(_) = plane { self.weight_sample() } else { SampleType::F32 };
+        let codecs = sharding_of(Codec::Zstd, sample, &inner, false);
+        let name = if plane == Plane::Object { "uint32" } else { sample.name() };
+        let mut metadata = array(&shape, &chunk, name, codecs, &dimensions, attributes);
+        metadata["fill_value"] = match plane {
+            Plane::Object => json!(0),
+            _ => json!(fill_value(sheet, plane)),
+        };
         metadata
     }
 
@@ -218,6 +247,12 @@ impl SceneSpec {
             }),
             "pitch_um": self.pitch_um,
         };
+        // Absent without: the attributes are then those of programs without these options.
+        for (key, is_set) in [("half", self.half), ("ids", self.ids)] {
+            if is_set {
+                all["layout"][key] = true.into();
+            }
+        }
         all.extend(further.clone());
         all
     }
@@ -228,6 +263,7 @@ impl SceneSpec {
         let a = all.shift_remove("layout")?;
         let (height, width) = serde_json::from_value(a["size"].clone()).ok()?;
         let count = |key: &str| usize::try_from(a[key].as_u64()?).ok();
+        let is_set = |key: &str| a.get(key).map_or(Some(false), Value::as_bool);
         let spec = Self {
             size: Size::new(height, width),
             sheets: count("sheets")?,
@@ -236,6 +272,8 @@ impl SceneSpec {
             centre_mm: (a["centre_mm"]["y"].as_f64()?, a["centre_mm"]["x"].as_f64()?),
             shard: serde_json::from_value(a["shard"].clone()).ok()?,
             chunk: count("chunk")?,
+            half: is_set("half")?,
+            ids: is_set("ids")?,
         };
         spec.holds().then_some((spec, all))
     }
@@ -253,7 +291,7 @@ impl SceneSpec {
             && self.centre_mm.1.is_finite();
         counts && is_side(self.shard.0) && is_side(self.shard.1) && {
             let (down, across) = self.shards();
-            bounds::SHARDS.check_product(&[self.sheets, self.bases + 2, down, across]).is_ok()
+            bounds::SHARDS.check_product(&[self.sheets, self.bases + 3, down, across]).is_ok()
         }
     }
 }

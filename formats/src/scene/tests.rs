@@ -16,6 +16,8 @@ fn spec() -> SceneSpec {
         centre_mm: (0.0, 0.1),
         shard: (16, 64),
         chunk: 16,
+        half: false,
+        ids: false,
     }
 }
 
@@ -40,6 +42,7 @@ fn value(shard: SceneShard, y: i64, x: i64) -> f32 {
         }
         (0, Plane::Depth) => (1 + y) as f32,
         (0, Plane::Weight(b)) => b as f32 + x as f32,
+        (0, Plane::Object) => object_bits((x > 3).then_some(x as u32 * 1000)),
         (_, Plane::Weight(_)) if (y, x) == (3, 69) => 7.0,
         _ => 0.0,
     }
@@ -144,4 +147,38 @@ fn attributes_that_are_no_layout_are_an_error() {
         std::fs::write(path.join("zarr.json"), text.replace(from, to)).unwrap();
         assert!(matches!(SceneStore::open(&path, false), Err(GroupError::Damaged { .. })), "{to}");
     }
+}
+
+/// Weights of 16 bits are those of 32 rounded; numbers of objects are those of u32, as other programs read them.
+#[test]
+fn weights_may_have_16_bits_and_objects_numbers() {
+    let directory = tempfile::tempdir().unwrap();
+    let path = directory.path().join("scene.zarr");
+    let spec = SceneSpec { half: true, ids: true, ..spec() };
+    let scene = SceneStore::create(&path, spec.clone(), attributes(), false).unwrap();
+    // One more plane of the first surface at 3 × 2 places.
+    assert_eq!(scene.spec().all_shards().count(), 66);
+    assert_eq!(scene.spec().bytes(), (2 * (3 * 2 + 8) + 4) * 40 * 70);
+    write_all(&scene);
+    let again = SceneStore::open(&path, false).unwrap();
+    assert_eq!(again.spec(), &spec);
+    assert_eq!(again.verify(1, &|_, _| ()).unwrap().findings, vec![]);
+    let nm = Some(vec![1.0, 2.0, 3.0]);
+    let options = ChartOptions { nan: NanPolicy::Keep, wavelengths_nm: nm, ..ChartOptions::default() };
+    let chart = ChartStore::open_at(&path, "weights", options).unwrap();
+    let mut pixels = vec![0.0; 40 * 70];
+    chart.read(2, Rect::new(0, 0, 40, 70), &mut pixels).unwrap();
+    assert!(pixels.iter().enumerate().all(|(i, v)| *v == 2.0 + (i % 70) as f32));
+    let store = std::sync::Arc::new(zarrs::filesystem::FilesystemStore::new(&path).unwrap());
+    let array = zarrs::array::Array::open(store, "/object").unwrap();
+    assert_eq!(array.data_type(), &zarrs::array::data_type::uint32());
+    let objects: Vec<u32> = array.retrieve_array_subset(&array.subset_all()).unwrap();
+    let number = |x: u32| if x > 3 { x * 1000 + 1 } else { 0 };
+    assert!(objects.iter().zip(0..).all(|(found, i)| *found == number(i % 70)));
+    assert_eq!(object_bits(Some(u32::MAX)).to_bits(), f32::MAX.to_bits());
+    // A weight beyond 16 bits is refused.
+    let shard = SceneShard { place: (0, 0), sheet: 0, plane: Plane::Weight(0) };
+    let large = vec![70_000.0; 64];
+    assert!(matches!(scene.commit(shard, &|_| &large), Err(GroupError::Codec { .. })));
+    SceneStore::remove(&path).unwrap();
 }

@@ -4,7 +4,7 @@
 
 mod request;
 
-use super::{Source, already_complete, run_job_of};
+use super::{already_complete, run_job_of};
 use crate::args::{PlacementArgs, RunCommand, SceneArgs};
 use crate::commands::scene;
 use crate::failure::{other_job, usage};
@@ -65,7 +65,7 @@ pub fn run(args: &RunCommand, jsonl: Option<&Jsonl>) -> Result<u8> {
     let mut job = args.job.clone();
     job.chart = out.display().to_string();
     job.trust_input |= !job.check_input;
-    let source = asked.map(|asked| Source { key: request::MESH, value: asked });
+    let source = asked.map(|asked| (request::MESH, asked));
     let code = run_job_of(&job, source, jsonl, args.work.progress)?;
     if code != 0 || args.mesh.keep_scene {
         log_line(format!("the scene is {}", out.display()));
@@ -156,9 +156,7 @@ fn scene_args(args: &RunCommand, out: &Path) -> Result<SceneArgs> {
         threads: job.threads,
         memory: job.memory,
         no_fsync: job.no_fsync,
-        overwrite: job.process.overwrite,
-        force: job.process.force,
-        take_over: job.process.take_over,
+        process: job.process,
         design: job.tracing.design(&job.surfaces.gap),
     })
 }

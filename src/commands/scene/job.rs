@@ -58,6 +58,8 @@ impl SceneJob {
             centre_mm: (0.0, 0.0),
             shard: SceneSpec::LAYOUT.0,
             chunk: SceneSpec::LAYOUT.1,
+            half: args.surfaces.half,
+            ids: args.surfaces.ids,
         };
         if !spec.holds() {
             return Err(usage(format!(
@@ -81,14 +83,14 @@ impl SceneJob {
         self.light.bases.iter().map(|basis| basis.name())
     }
 
-    /// Bytes of a pixel of one surface.
+    /// Bytes of a pixel of one surface in memory.
     pub fn plane_bytes(&self) -> usize {
-        (self.spec.bases + 2) * size_of::<f32>()
+        (self.spec.bases + 2 + usize::from(self.spec.ids)) * size_of::<f32>()
     }
 
     /// Bytes of all surfaces before compression.
     pub fn bytes(&self) -> u64 {
-        (self.spec.sheets * self.plane_bytes() * self.spec.size.pixels()) as u64
+        self.spec.bytes()
     }
 
     /// Digest of everything that changes its numbers.
@@ -183,6 +185,12 @@ fn identity(
         "background": settings.background.as_ref().map(|b| json!({ "vergence": b.vergence, "weights": b.weights })),
     };
     map.extend(light.attributes());
+    // Absent without: the identity is then that of programs without these options.
+    for (key, is_set) in [("half", args.surfaces.half), ("ids", args.surfaces.ids)] {
+        if is_set {
+            map.insert(key.into(), true.into());
+        }
+    }
     map
 }
 

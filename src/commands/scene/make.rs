@@ -2,6 +2,7 @@
 
 use super::done::Done;
 use super::job::SceneJob;
+use super::objects::Objects;
 use super::prepared::Prepared;
 use super::report;
 use crate::args::SceneArgs;
@@ -43,20 +44,21 @@ pub fn scene(
         Renderer::new(&prepared.mesh, prepared.frame, appearance, job.settings.clone(), Engine::detect())
             .map_err(|e| usage(e.to_string()))?;
     let budget = Budget::new(prepared, appearance, &renderer, job)?;
-    if args.overwrite || !Store::at(&link_target(out))?.exists()? {
-        report::check_space(out, job, args.force)?;
+    if args.process.overwrite || !Store::at(&link_target(out))?.exists()? {
+        report::check_space(out, job, args.process.force)?;
     }
     interrupt::listen();
     let store = open(args, job, out)?;
     let all: Vec<SceneShard> = store.spec().all_shards().collect();
     if store.missing(&all)?.is_empty() {
-        group::report_complete(store.group(), args.take_over, all.len());
+        group::report_complete(store.group(), args.process.take_over, all.len());
         return Ok(0);
     }
-    let _lock = group::lock_and_sweep(store.group(), args.take_over, args.no_fsync)?;
+    let _lock = group::lock_and_sweep(store.group(), args.process.take_over, args.no_fsync)?;
     let missing = store.missing(&all)?;
     group::report_resumed(store.group(), missing.len(), all.len());
-    let run = SceneRun::new(&renderer, &store, job, prepared.threads, budget);
+    let objects = Objects { mesh: &prepared.mesh, parts: &prepared.scene.parts };
+    let run = SceneRun::new(&renderer, &store, job, objects, prepared.threads, budget);
     let outcome = run.shards(&missing);
     let outcome = outcome.and_then(|done| store.group().check_in_place().map(|()| done).map_err(Into::into));
     report::write_record(&store, &outcome, prepared, start);
@@ -67,7 +69,7 @@ pub fn scene(
             "interrupted: {} of {} shards are missing; {}",
             done.left,
             missing.len(),
-            resume_note(args.overwrite)
+            resume_note(args.process.overwrite)
         ));
         return Ok(code::INTERRUPTED);
     }
@@ -77,8 +79,8 @@ pub fn scene(
 
 /// The scene at `out`, created, or opened if it is of this job.
 fn open(args: &SceneArgs, job: &SceneJob, out: &Path) -> Result<SceneStore> {
-    if args.overwrite {
-        group::remove(out, args.take_over, SceneStore::remove)?;
+    if args.process.overwrite {
+        group::remove(out, args.process.take_over, SceneStore::remove)?;
     }
     for _ in 0..ATTEMPTS {
         match SceneStore::create(out, job.spec.clone(), job.all_attributes(), !args.no_fsync) {
@@ -148,6 +150,7 @@ struct SceneRun<'a> {
     renderer: &'a Renderer<'a>,
     store: &'a SceneStore,
     spec: &'a SceneSpec,
+    objects: Objects<'a>,
     gap_dioptre: f64,
     reach_px: Option<usize>,
     threads: usize,
@@ -166,14 +169,21 @@ struct Tiles {
     kept_bytes: usize,
 }
 
-/// The surfaces of a tile, the one seen first at first; of hidden ones without pixels nothing is kept.
-type TileSheets = (Sheet, Vec<Option<Sheet>>);
+/// What is stored of a tile.
+struct TileSheets {
+    front: Sheet,
+    /// Without those that have no pixels.
+    hidden: Vec<Option<Sheet>>,
+    /// Numbers of objects, if they are stored.
+    objects: Vec<f32>,
+}
 
 impl<'a> SceneRun<'a> {
     fn new(
         renderer: &'a Renderer<'a>,
         store: &'a SceneStore,
         job: &SceneJob,
+        objects: Objects<'a>,
         threads: usize,
         budget: Budget,
     ) -> Self {
@@ -181,6 +191,7 @@ impl<'a> SceneRun<'a> {
             renderer,
             store,
             spec: store.spec(),
+            objects,
             gap_dioptre: job.settings.gap_dioptre,
             reach_px: job.reach_px,
             threads,
@@ -305,7 +316,11 @@ impl<'a> SceneRun<'a> {
             };
             let hidden =
                 hidden.into_iter().map(|sheet| Some(sheet).filter(|sheet| !sheet.is_empty())).collect();
-            ((front, hidden), counts)
+            let objects = match self.spec.ids {
+                true => self.objects.of_tile(self.renderer, numbers[i], worker),
+                false => Vec::new(),
+            };
+            (TileSheets { front, hidden, objects }, counts)
         })?;
         let (sheets, counts): (Vec<_>, Vec<_>) = made.unwrap_or_default().into_iter().unzip();
         counts.iter().for_each(|counts| done.counts.add(counts));
@@ -354,17 +369,10 @@ impl<'a> SceneRun<'a> {
     }
 
     /// Copies a plane of a tile to the part of `pixels`, those of `rect`, that it covers.
-    fn copy(
-        &self,
-        shard: SceneShard,
-        tile: usize,
-        (front, hidden): &TileSheets,
-        rect: Rect,
-        pixels: &mut [f32],
-    ) {
+    fn copy(&self, shard: SceneShard, tile: usize, made: &TileSheets, rect: Rect, pixels: &mut [f32]) {
         let sheet = match shard.sheet {
-            0 => Some(front),
-            n => hidden.get(n - 1).and_then(Option::as_ref),
+            0 => Some(&made.front),
+            n => made.hidden.get(n - 1).and_then(Option::as_ref),
         };
         let (top, left, height, width) = self.renderer.grid().rect(tile);
         let place = Rect::new(top as i64, left as i64, height, width);
@@ -373,6 +381,7 @@ impl<'a> SceneRun<'a> {
             Plane::Weight(basis) => &sheet.weights[basis * height * width..][..height * width],
             Plane::Depth => &sheet.depth,
             Plane::Coverage => &sheet.coverage,
+            Plane::Object => &made.objects,
         };
         let (first_y, first_x) = (top - rect.y as usize, left - rect.x as usize);
         for (y, line) in plane.chunks_exact(width).enumerate() {
@@ -382,7 +391,7 @@ impl<'a> SceneRun<'a> {
                 Plane::Depth => {
                     to.iter_mut().zip(line).for_each(|(to, v)| *to = if *v > FAR_M { FAR_M } else { *v })
                 }
-                Plane::Weight(_) | Plane::Coverage => to.copy_from_slice(line),
+                Plane::Weight(_) | Plane::Coverage | Plane::Object => to.copy_from_slice(line),
             }
         }
     }

@@ -26,7 +26,7 @@ pub struct Seen {
 }
 
 /// Surfaces without light.
-struct Unlit;
+pub struct Unlit;
 
 impl Shader for Unlit {
     fn bases(&self) -> usize {
