@@ -1,4 +1,4 @@
-"""Charts, lenses and films on an S3-compatible store; run by check-s3.
+"""Charts, lenses, films and scenes on an S3-compatible store; run by check-s3.
 
 Checked: a job gives the same bytes on the store as in files, also with failing requests and after kills; other programs open the
 film; errors are reported once with the documented exit code, and never contain credentials.
@@ -223,6 +223,37 @@ def raws(store, env, here, reference):
     same_film(store.objects("films/film.raw.zarr"), files(here / "film.raw.zarr"), "a resumed raw")
 
 
+def scenes(store, env, here):
+    """Scenes of meshes on the store equal those in files byte for byte, and so do their films."""
+    corners = [(-6, -6, -3), (6, -6, -3), (6, 6, -3), (-6, 6, -3), (-.1, -.1, -1), (.1, -.1, -1), (.1, .1, -1), (-.1, .1, -1)]
+    mesh = here / "squares.obj"
+    mesh.write_text("\n".join([*(f"v {x} {y} {z}" for x, y, z in corners), "f 1 2 3 4", "f 5 6 7 8"]))
+    flags = ["--lens", "phone", "--focus-m", 1]
+    film_flags = [*flags, "--wavelengths", "500,600", "--quiet"]
+    view = ["--film-size", "120x90", "--film-pitch-um", 6, "--mesh-unit", "m", "--eye", "0,0,0", "--target", "0,0,-1"]
+    at, local = s3("scene.zarr"), here / "scene.zarr"
+    for scene in (at, local):
+        lenscube(env, 0, ["scene of"], "scene", mesh, scene, *flags, *view, "--ids", "--half")
+    same_film(store.objects("films/scene.zarr"), files(local), "a scene on the store")
+    lenscube(env, 0, ["nothing to do"], "scene", mesh, at, *flags, *view, "--ids", "--half")
+    lenscube(env, 3, ["another job", "half"], "scene", mesh, at, *flags, *view, "--ids")
+    lenscube(env, 0, ["scene, complete"], "status", at, "--check")
+    store.s3.delete_object(Bucket=BUCKET, Key="films/scene.zarr/hidden/1/depth/c/0/0")
+    lenscube(env, 4, ["missing hidden/1/depth/c/0/0"], "verify", at)
+    lenscube(env, 2, ["is not complete"], "run", at, s3("never-of-scene.zarr"), *film_flags)
+    lenscube(env, 0, ["resuming"], "scene", mesh, at, *flags, *view, "--ids", "--half")
+    same_film(store.objects("films/scene.zarr"), files(local), "a resumed scene")
+    pixels = lambda found: {k: v for k, v in found.items() if k.startswith("film/c/")}
+    lenscube(env, 0, [], "run", local, here / "of-scene.zarr", *film_flags)
+    expected = pixels(files(here / "of-scene.zarr"))
+    lenscube(env, 0, [], "run", at, s3("of-scene.zarr"), *film_flags)
+    check(expected and pixels(store.objects("films/of-scene.zarr")) == expected, "the films of the two scenes differ")
+    for _ in range(2):
+        lenscube(env, 0, [], "run", mesh, s3("of-mesh.zarr"), *film_flags, *view, "--ids", "--half")
+        check(pixels(store.objects("films/of-mesh.zarr")) == expected, "the film of the mesh differs")
+        check(not store.objects("films/of-mesh.zarr.scene"), "the scene of a complete film was not removed")
+
+
 def kill_and_resume(store, reference):
     """SIGKILL at several moments; the same command resumes. Only complete shards remain after a kill."""
     def killed_after(first):
@@ -426,7 +457,7 @@ def main():
             store, env = Store(port), environment(port)
             reference = stores(store, env, here)
             for step, args in [(status_and_verify, (store, env, reference)), (other_programs, (store, here / "film.zarr")), (kill_and_resume, (store, reference)),
-                               (transient_faults, (store, reference)), (in_units, (store, env, here, reference)), (raws, (store, env, here, reference)), (permanent_errors, (store, env, here)), (replaced, (store,)),
+                               (transient_faults, (store, reference)), (in_units, (store, env, here, reference)), (raws, (store, env, here, reference)), (scenes, (store, env, here)), (permanent_errors, (store, env, here)), (replaced, (store,)),
                                (encrypted, (store, here, reference)), (in_flight, (store,))]:
                 begin = time.monotonic()
                 step(*args)

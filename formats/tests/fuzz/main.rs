@@ -1,4 +1,4 @@
-//! Fuzz targets of this crate: charts (metadata, chunks, flat files, OpenEXR), lens packs, lens files, importers, pictures. Harness: `tests/fuzz_support`.
+//! Fuzz targets of this crate: charts (metadata, chunks, flat files, OpenEXR), lens packs, lens files, importers, pictures, meshes, scenes. Harness: `tests/fuzz_support`.
 
 #[path = "../../../tests/fuzz_support/mod.rs"]
 mod fuzz_support;
@@ -10,9 +10,12 @@ mod designs;
 mod hdf5;
 mod importers;
 mod json;
+#[cfg(feature = "mesh")]
+mod meshes;
 mod pack;
 mod pictures;
 mod raster;
+mod scenes;
 
 use std::path::{Path, PathBuf};
 
