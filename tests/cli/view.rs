@@ -87,6 +87,27 @@ fn film() -> TestJob {
     job
 }
 
+/// A scene is shown as the chart that it is, with bands every 10 nm.
+#[cfg(feature = "mesh")]
+#[test]
+fn a_scene_is_shown_as_a_chart() {
+    use pipeline::colour::Illuminant;
+    let folder = tempfile::tempdir().unwrap();
+    let (mesh, scene) = (folder.path().join("wall.obj"), folder.path().join("scene.zarr"));
+    std::fs::write(&mesh, "v -6 -6 -3\nv 6 -6 -3\nv 6 6 -3\nv -6 6 -3\nf 1 2 3 4\n").unwrap();
+    let lens = ["--lens", "phone", "--focus-m", "1", "--film-size", "60x40", "--film-pitch-um", "6"];
+    let view = ["--mesh-unit", "m", "--eye", "0,0,0", "--target", "0,0,-1", "--samples-per-px", "1"];
+    lenscube(&[&["scene", text(&mesh), text(&scene)], &lens[..], &view].concat()).ok();
+    let server = Server::start(&[text(&scene)]);
+    let json = |path: &str| serde_json::from_slice::<Value>(&server.body(path)).unwrap();
+    assert_eq!(json("/api/content")["bands"].as_array().unwrap().len(), 31);
+    // Without a material the wall is 0.8 grey: radiance 0.8 E/π at 560 nm.
+    let light = Illuminant::D65.irradiance_scale(1000.0) * Illuminant::D65.relative_power(560.0);
+    let expected = 0.8 * light / std::f64::consts::PI;
+    let found = json("/api/pixel?y=20&x=30")["film"][16].as_f64().unwrap();
+    assert!((found / expected - 1.0).abs() < 0.01, "{found} {expected}");
+}
+
 #[test]
 fn foreign_host_origin_or_method_is_rejected() {
     let job = film();
