@@ -254,9 +254,9 @@ fn colours_of_vertices_are_decoded_and_others_are_white() {
     assert_eq!(
         scene.notes,
         [
+            "vertices whose weight (w) is not applied: 1",
             "vertices without colour are white: 2",
-            "vertices whose colours are outside 0…1 and are clipped: 1; colours of 0…255 must be divided by 255",
-            "vertices whose weight (w) is not applied: 1"
+            "vertices whose colours are outside 0…1 and are clipped: 1; colours of 0…255 must be divided by 255"
         ]
     );
 }

@@ -113,7 +113,7 @@ fn morph_targets_are_noted() {
 
 #[test]
 fn too_many_triangles_in_instances() {
-    // 2^20 triangles of one vertex, 4097 instances.
+    // 2^20 triangles of one vertex, 4097 instances: the 1366th is beyond (2^32 - 1)/3.
     let mut file = File::triangle();
     let count = 3 << 20;
     let indices =
@@ -125,6 +125,6 @@ fn too_many_triangles_in_instances() {
     let (_folder, path) = super::saved(&bytes);
     let limits = super::Limits::of_memory(1 << 30);
     let error = super::read_gltf(&path, &limits).err().unwrap().to_string();
-    let expected = "nodes[4095], meshes[0].primitives[0]: expected at most 4294967295 triangles in all instances, found 4294967296 with this one";
+    let expected = "nodes[1365], meshes[0].primitives[0]: expected at most 1431655765 triangles in all instances, found 1432354816 with this one";
     assert!(error.ends_with(expected), "{error}");
 }
