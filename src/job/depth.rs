@@ -98,7 +98,7 @@ fn is_straight(coverage: &Chart) -> bool {
 }
 
 /// Rounding of a 16-bit float, relative.
-const F16_HALF_STEP: f64 = 1.0 / 4096.0;
+const F16_HALF_STEP: f64 = 1.0 / 2048.0;
 /// Largest change of blur by rounding of distances that is not reported, px.
 pub const MAX_STEP_PX: f64 = 0.25;
 

@@ -151,7 +151,7 @@ fn steps_of_16_bit_floats_are_reported_where_they_are_visible() {
     assert_exit(
         &film("fine", "0.5"),
         0,
-        &["16-bit floats, whose rounding changes the blur", "up to 0.61 px"],
+        &["16-bit floats, whose rounding changes the blur", "up to 1.22 px"],
     );
     let coarse = film("coarse", "5");
     assert!(coarse.code == 0 && !coarse.stderr.contains("16-bit"), "{}", coarse.stderr);

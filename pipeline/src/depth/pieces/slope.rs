@@ -51,7 +51,8 @@ pub(super) fn slopes(slabs: &Slabs, planes: &Planes, plane: usize, area: Rect, t
         (None, Some(after)) => after - here,
         (None, None) => 0.0,
     };
-    (to.y.clear(), to.x.clear());
+    to.y.clear();
+    to.x.clear();
     let mut any = false;
     for y in area.y..area.bottom() {
         for x in area.x..area.right() {
@@ -112,7 +113,8 @@ mod tests {
     fn a_parallel_surface_has_no_slope() {
         let rect = Rect::new(0, 0, 5, 7);
         let mut slab = SlabPlanes::zeros(None, 2, 35);
-        (slab.a.fill(0.5), slab.m.fill(0.2));
+        slab.a.fill(0.5);
+        slab.m.fill(0.2);
         let planes =
             Planes { rect: Some(rect), slabs: vec![slab], uncovered: vec![0.5; 35], free: Vec::new() };
         let slabs = Slabs::new(&[0.0, 1.0, 2.0, 3.0], 0.0, 10.0);
