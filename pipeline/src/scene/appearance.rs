@@ -23,7 +23,7 @@ use super::shading::{SampleHit, Shader};
 use super::texture::{Footprint, Pyramid};
 use super::vector::{cross, dot, scaled, unit};
 use super::weights::{Basis, COLOURS};
-use place::{Owner, Place};
+use place::{Owner, Place, is_in_range};
 use std::sync::atomic::{AtomicU64, Ordering::Relaxed};
 
 /// Offset of the start of shadow rays, of the distance from the camera.
@@ -176,6 +176,22 @@ impl<T: Triangles> Shader for Appearance<'_, T> {
             AlphaMode::Mask(cutoff) => alpha() >= f64::from(cutoff),
             AlphaMode::Blend => alpha() > blend_threshold(hit.sample, samples, owner.part.material),
         }
+    }
+
+    fn even_weights(&self, triangle: u32, weights: &mut [f64]) -> bool {
+        let owner = self.owner(triangle);
+        let surface = owner.surface;
+        // Limited colours are counted.
+        let is_limited = surface.reflects == Reflects::Colour && !is_in_range(&surface.colour);
+        let is_dark = surface.emission == [0.0; 3];
+        if !self.lighting.is_even() || owner.varies() || !is_dark || is_limited {
+            return false;
+        }
+        let place = Place { owner: &owner, footprint: Footprint::at_point([1.0 / 3.0; 3]) };
+        let (first, values) = self.reflectance(&place);
+        let count = if first == 0 { COLOURS } else { 1 };
+        weights[first..][..count].copy_from_slice(&values[..count]);
+        true
     }
 
     fn add_weights(&self, triangle: u32, hits: &[SampleHit], sums: &mut [f64]) {

@@ -23,6 +23,11 @@ pub trait Shader: Sync {
     fn is_opaque(&self, triangle: u32) -> bool;
     /// Whether the surface is there at the hit of a sample.
     fn exists(&self, triangle: u32, hit: &SampleHit, samples: usize) -> bool;
+    /// Writes the weights of a hit of `triangle`, one per basis, if they are the same for all its hits and [`Shader::add_weights`] of n hits adds n times them; false, with anything
+    /// written, if not.
+    fn even_weights(&self, _triangle: u32, _weights: &mut [f64]) -> bool {
+        false
+    }
     /// Adds to `sums` (one per basis) the weights of the hits of one triangle in one sheet of one pixel, summed over the hits.
     fn add_weights(&self, triangle: u32, hits: &[SampleHit], sums: &mut [f64]);
 }

@@ -10,14 +10,15 @@
 //! signs in two triangles that share an edge: no gap and no double hit. Corners behind the camera are allowed, nothing is clipped. Hits are
 //! ordered by V, the nearest first, then by the number of the triangle.
 //!
-//! Not by rays: `bins` lists the triangles of each tile, `raster` evaluates the edge functions at the samples of a row of pixels, 4 at
-//! a time, and keeps the sorted hits of each sample; `surfaces` finds those that are surfaces. Method: J. Pineda, SIGGRAPH 1988, 17 (edge
+//! Not by rays: `bins` lists the triangles of each tile, `spans` the columns of each in a row of pixels, `raster` evaluates the edge functions at the samples
+//! of the row, 4 at a time, and keeps the sorted hits of each sample; `surfaces` finds those that are surfaces. Method: J. Pineda, SIGGRAPH 1988, 17 (edge
 //! functions).
 
 pub(crate) mod bins;
 mod engine;
 mod lanes;
 pub(crate) mod raster;
+mod spans;
 pub(crate) mod surfaces;
 pub(crate) mod tile;
 pub(crate) mod triangle;

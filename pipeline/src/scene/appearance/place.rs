@@ -13,6 +13,11 @@ const CLIPPED: f64 = 1e-6;
 /// Luminance of linear red, green and blue of sRGB.
 const LUMINANCE: [f64; 3] = [0.2126, 0.7152, 0.0722];
 
+/// Whether no component of a colour is limited to 0…1.
+pub(super) fn is_in_range(colour: &[f64; COLOURS]) -> bool {
+    colour.iter().all(|c| (-CLIPPED..=1.0 + CLIPPED).contains(c))
+}
+
 /// What a triangle belongs to.
 pub(super) struct Owner<'a> {
     pub part: &'a Part,
@@ -90,7 +95,7 @@ impl<T: Triangles> Appearance<'_, T> {
                 for factor in [texel(), vertex_colour(place)].into_iter().flatten() {
                     colour.iter_mut().zip(factor).for_each(|(c, f)| *c *= f);
                 }
-                if !colour.iter().all(|c| (-CLIPPED..=1.0 + CLIPPED).contains(c)) {
+                if !is_in_range(&colour) {
                     self.clipped.fetch_add(1, Relaxed);
                 }
                 (0, colour.map(|c| c.clamp(0.0, 1.0)))

@@ -86,6 +86,42 @@ fn without_light_weights_are_colours_times_the_number_of_hits() {
 }
 
 #[test]
+fn even_weights_are_those_of_a_hit_wherever_it_is() {
+    let coloured = Geometry { colours: vec![[1.0; 4]; 4], ..wall(2.0, 1.0) };
+    let mesh = TestMesh::default()
+        .with(0, wall(2.0, 1.0))
+        .with(1, wall(2.0, 1.0))
+        .with(2, wall(2.0, 1.0))
+        .with(3, wall(2.0, 1.0))
+        .with(0, coloured);
+    let lamp = Material { emission: [1.0, 0.0, 0.0], ..material("lamp", [0.5; 3]) };
+    let materials = [
+        material("red", [0.5, 0.25, 0.0]),
+        material("bright", [1.5, 0.5, 0.5]),
+        lamp,
+        material("grey", [0.4; 3]),
+    ];
+    let spectrum = Spectrum::new("grey", vec![400.0, 700.0], vec![0.4, 0.4], 1.0).unwrap();
+    let assigned = [Assigned { materials: vec![3], spectrum, times_texture: false }];
+    let of = |lighting| {
+        let request = AppearanceRequest { assigned: &assigned, ..request(&mesh, &materials, lighting) };
+        Appearance::new(request).unwrap()
+    };
+    let even = of(Lighting::even(1000.0));
+    let found = |appearance: &Appearance<'_, TestMesh>, part: u32| {
+        let mut weights = vec![0.0; appearance.bases()];
+        appearance.even_weights(2 * part, &mut weights).then_some(weights)
+    };
+    assert_eq!(found(&even, 0), Some(vec![0.5, 0.25, 0.0, 0.0]));
+    assert_eq!(found(&even, 3), Some(vec![0.0, 0.0, 0.0, 1.0]));
+    // Limited colours are counted, a lamp has two terms, colours of vertices depend on the place.
+    assert_eq!([1, 2, 4].map(|part| found(&even, part)), [None, None, None]);
+    assert_eq!(even.clipped(), 0);
+    let sun = Sun { azimuth_deg: 0.0, elevation_deg: -60.0, illuminance_lx: 2000.0 };
+    assert_eq!(found(&of(lighting(light(Some(sun), None))), 0), None);
+}
+
+#[test]
 fn a_sun_at_60_degrees_and_the_shadow_of_a_square() {
     // The sun is behind the camera and above it (y down): its direction is (0, −√3/2, −½). North is −Z, up +Y, so that it is 60° below.
     let sun = Sun { azimuth_deg: 0.0, elevation_deg: -60.0, illuminance_lx: 2000.0 };

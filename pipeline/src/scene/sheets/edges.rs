@@ -135,7 +135,7 @@ fn are_apart(a: &[f32], b: &[f32], gap: f64) -> bool {
 /// Whether two neighbours are more than `gap` apart; NaN: not covered.
 #[inline]
 pub(super) fn is_apart(a: f32, b: f32, gap: f64) -> bool {
-    a.is_nan() != b.is_nan() || (f64::from(a) - f64::from(b)).abs() > gap
+    (a.is_nan() != b.is_nan()) | ((f64::from(a) - f64::from(b)).abs() > gap)
 }
 
 #[cfg(test)]

@@ -8,14 +8,15 @@ use super::edges::{Border, is_apart};
 use super::pixel::{PixelSheets, PixelSurfaces};
 use super::settings::{Settings, SettingsError};
 use super::tile::{Counts, Front, Sheet};
+use super::uniform::{Kind, NumberedLayer};
 use crate::scene::frame::{Frame, pattern};
 use crate::scene::mesh::Mesh;
 use crate::scene::shading::{SampleHit, Shader};
 use crate::scene::visibility::bins::Bins;
-use crate::scene::visibility::raster::{Label, RowHits};
+use crate::scene::visibility::raster::{PixelLayer, RowHits};
 use crate::scene::visibility::surfaces::{Sample, hit, surfaces};
-use crate::scene::visibility::tile::TileScene;
-use crate::scene::visibility::{Engine, MAX_HITS, TileGrid};
+use crate::scene::visibility::tile::{Kept, TileScene};
+use crate::scene::visibility::{Engine, TileGrid};
 
 /// Number of the triangle of the background.
 const BACKGROUND: u32 = u32::MAX;
@@ -25,6 +26,8 @@ pub struct Renderer<'a> {
     mesh: &'a Mesh,
     frame: Frame,
     pub(super) shader: &'a dyn Shader,
+    /// Bases of the shader.
+    pub(super) bases: usize,
     pub(super) settings: Settings,
     pub(super) places: Vec<[f64; 2]>,
     bins: Bins,
@@ -52,8 +55,11 @@ pub(super) struct Pixel {
     pending: Vec<(u32, usize)>,
     pub(super) hits: Vec<SampleHit>,
     pub(super) sums: Vec<f64>,
-    /// Layers of the surfaces of a pixel whose samples see the same triangles.
-    pub(super) layers: Vec<usize>,
+    /// Layers of a pixel whose samples have the same number of surfaces, and those that are surfaces.
+    pub(super) layers: Vec<PixelLayer>,
+    pub(super) surface_layers: Vec<usize>,
+    /// Those that are sheets.
+    pub(super) sheet_layers: Vec<NumberedLayer>,
 }
 
 /// Which sheets are made.
@@ -95,7 +101,7 @@ impl<'a> Renderer<'a> {
         }
         let nearest = if settings.is_near_cut { 1.0 / settings.near_m } else { f64::INFINITY };
         let bins = Bins::new(mesh, &frame);
-        Ok(Self { mesh, frame, shader, settings, places, bins, engine, nearest })
+        Ok(Self { mesh, frame, shader, bases: shader.bases(), settings, places, bins, engine, nearest })
     }
 
     /// The tiles.
@@ -161,7 +167,7 @@ impl<'a> Renderer<'a> {
         let (row0, column0, height, width) = scene.rect();
         let mut list = Vec::new();
         for row in 0..height {
-            scene.hits(&self.frame, row, self.engine, MAX_HITS, hits);
+            scene.hits(&self.frame, row, self.engine, Kept::All, hits);
             for column in 0..width {
                 self.find_surfaces(scene, hits, column, pixel);
                 for sample in 0..self.places.len() {
@@ -181,14 +187,13 @@ impl<'a> Renderer<'a> {
         let Worker { scene, hits, pixel } = worker;
         scene.prepare(self.mesh, &self.frame, &self.bins, self.shader, tile);
         let (_, _, height, width) = scene.rect();
-        let bases = self.shader.bases();
         let made = match pass {
             Pass::Front => 1,
             Pass::Hidden => self.settings.sheets - 1,
             Pass::All => self.settings.sheets,
         };
         let mut output = Output {
-            sheets: (0..made).map(|_| Sheet::empty(height * width, bases)).collect(),
+            sheets: (0..made).map(|_| Sheet::empty(height * width, self.bases)).collect(),
             vergence: vec![f32::NAN; height * width],
             has_edge: false,
             counts: Counts::default(),
@@ -200,29 +205,28 @@ impl<'a> Renderer<'a> {
             return output;
         }
         let dropped = hits.dropped();
-        // The nearest hit is the first surface, but for those that `must_see_all` finds.
-        let keep = if pass == Pass::Front && !scene.has_alpha() { 1 } else { MAX_HITS };
+        // The nearest hit is the first surface, but for those that `has_unclear` finds.
+        let kept = if pass == Pass::Front && !scene.has_alpha() { Kept::Nearest } else { Kept::All };
         let may_be_uniform = !scene.has_alpha()
             && self.nearest == f64::INFINITY
             && (pass == Pass::Front || self.settings.background.is_none());
-        let is_unclear = keep == 1 && (scene.has_one_sided_back() || self.nearest < f64::INFINITY);
+        let is_unclear =
+            kept == Kept::Nearest && (scene.has_one_sided_back() || self.nearest < f64::INFINITY);
         for row in 0..height {
-            scene.hits(&self.frame, row, self.engine, keep, hits);
-            let mut only_first = keep == 1;
-            if is_unclear && self.must_see_all(scene, hits, width) {
-                scene.hits_again(self.engine, MAX_HITS, hits);
-                only_first = false;
+            scene.hits(&self.frame, row, self.engine, kept, hits);
+            let mut kind = Kind { pass, kept };
+            if is_unclear && hits.has_unclear(self.nearest) {
+                scene.hits_again(self.engine, Kept::All, hits);
+                kind.kept = Kept::All;
             }
             for column in 0..width {
                 let at = row * width + column;
-                let kind = (at, pass, only_first);
-                if may_be_uniform && self.make_uniform(scene, hits, column, pixel, kind, &mut output) {
+                if may_be_uniform && self.make_uniform(scene, hits, (at, column), pixel, kind, &mut output) {
                     continue;
                 }
-                if only_first {
-                    self.find_first(scene, hits, column, pixel);
-                } else {
-                    self.find_surfaces(scene, hits, column, pixel);
+                match kind.kept {
+                    Kept::Nearest => self.find_first(scene, hits, column, pixel),
+                    Kept::All => self.find_surfaces(scene, hits, column, pixel),
                 }
                 self.make_pixel(scene, pixel, at, pass, &mut output);
             }
@@ -236,16 +240,6 @@ impl<'a> Renderer<'a> {
         output
     }
 
-    /// Whether in a row the nearest hit of a sample may be no surface: the back of a one-sided solid, or nearer than the limit.
-    fn must_see_all(&self, scene: &TileScene, hits: &RowHits, width: usize) -> bool {
-        let is_unclear = |(vergence, label): (f64, Label)| {
-            let t = scene.triangle(label.number());
-            (t.is_one_sided && !t.is_front) || vergence > self.nearest
-        };
-        (0..width)
-            .any(|column| (0..self.places.len()).any(|i| hits.of(i, column).next().is_some_and(is_unclear)))
-    }
-
     /// First surfaces of all samples of a pixel, where the nearest hit is one.
     #[inline]
     fn find_first(&self, scene: &TileScene, hits: &RowHits, column: usize, pixel: &mut Pixel) {
@@ -254,7 +248,8 @@ impl<'a> Renderer<'a> {
         pixel.directions.clear();
         for i in 0..self.places.len() {
             pixel.directions.push(scene.direction(i, column));
-            if let Some((vergence, label)) = hits.of(i, column).next() {
+            let (vergence, label) = hits.hit(i, column, 0);
+            if vergence > 0.0 {
                 pixel.surfaces.push(vergence);
                 pixel.numbers.push(label.number());
             } else if let Some(background) = &self.settings.background {
@@ -300,7 +295,8 @@ impl<'a> Renderer<'a> {
             let members = made.members(sheet);
             self.add_weights(scene, pixel, members);
             let count = members.len() as f64;
-            store(to, at, (sheet.vergence, sheet.coverage), &pixel.sums, |sum| sum / count);
+            let weights = pixel.sums.iter().map(|sum| (sum / count) as f32);
+            store(to, at, (sheet.vergence, sheet.coverage), weights);
         }
         if pass != Pass::Front || is_last {
             output.counts.merged_pixels += u64::from(made.late() > 0);
@@ -327,7 +323,7 @@ impl<'a> Renderer<'a> {
     fn add_weights(&self, scene: &TileScene, pixel: &mut Pixel, members: &[(u32, usize)]) {
         let Pixel { surfaces, numbers, directions, pending, hits, sums, .. } = pixel;
         sums.clear();
-        sums.resize(self.shader.bases(), 0.0);
+        sums.resize(self.bases, 0.0);
         hits.clear();
         let number = numbers[members[0].1];
         let samples = self.places.len();
@@ -391,18 +387,17 @@ impl<'a> Renderer<'a> {
     }
 }
 
-/// Writes a sheet of a pixel: vergence and coverage, and the weights by their mean.
+/// Writes a sheet of a pixel: vergence and coverage, and the weights.
 #[inline(always)]
 pub(super) fn store(
     to: &mut Sheet,
     at: usize,
     (vergence, coverage): (f64, f64),
-    sums: &[f64],
-    mean: impl Fn(f64) -> f64,
+    weights: impl Iterator<Item = f32>,
 ) {
     let pixels = to.depth.len();
-    for (basis, &sum) in sums.iter().enumerate() {
-        to.weights[basis * pixels + at] = mean(sum) as f32;
+    for (place, weight) in to.weights.iter_mut().skip(at).step_by(pixels).zip(weights) {
+        *place = weight;
     }
     to.depth[at] = if vergence > 0.0 { (1.0 / vergence) as f32 } else { f32::INFINITY };
     to.coverage[at] = coverage as f32;

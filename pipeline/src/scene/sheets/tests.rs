@@ -174,7 +174,7 @@ fn tile_triangle(mesh: &Mesh, triangle: u32, solids: &mut TileSolids, is_front: 
         solid: solids.number(mesh, triangle),
         label: Label::new(0, 0),
         rows: (0, 0),
-        groups: (0, 0),
+        spans: 0,
         is_front,
         is_one_sided: mesh.is_one_sided(triangle),
         has_alpha: false,
@@ -312,6 +312,87 @@ fn tiles_have_the_same_bits_on_any_engine_and_thread_and_in_two_passes() {
             assert!(front.sheet == all.sheet && front.has_edge == all.has_edge);
             assert_eq!(front.counts.nearest, all.counts.nearest);
             assert!(renderer.hidden(tile, &mut worker).0 == hidden);
+        }
+    }
+}
+
+/// [`OfPart`], whose weights are known to be the same everywhere.
+struct EvenOfPart<'a>(OfPart<'a>);
+
+impl Shader for EvenOfPart<'_> {
+    fn bases(&self) -> usize {
+        3
+    }
+    fn is_opaque(&self, _: u32) -> bool {
+        true
+    }
+    fn exists(&self, _: u32, _: &SampleHit, _: usize) -> bool {
+        true
+    }
+    fn even_weights(&self, triangle: u32, weights: &mut [f64]) -> bool {
+        weights[self.0.0.part_of(triangle).0 % 3] = 1.0;
+        true
+    }
+    fn add_weights(&self, triangle: u32, hits: &[SampleHit], sums: &mut [f64]) {
+        self.0.add_weights(triangle, hits, sums);
+    }
+}
+
+#[test]
+fn pixels_of_one_kind_have_the_sheets_of_the_rule() {
+    // Walls one behind the other, balls in them, and triangles of about a pixel, against the rule for one pixel.
+    let shapes = vec![
+        wall(3.0),
+        icosphere([0.01, 0.0, 1.0], 0.015, 4),
+        icosphere([-0.01, 0.01, 1.5], 0.02, 1),
+        wall(2.0),
+        wall(2.001),
+        icosphere([0.0, 0.02, 2.5], 0.02, 4),
+    ];
+    for options in [OPTIONS, MeshOptions { solids: false, ..OPTIONS }] {
+        let mesh = mesh(shapes.clone(), options);
+        for samples in [1, 4, 16, 64] {
+            let (shader, even) = (OfPart(&mesh), EvenOfPart(OfPart(&mesh)));
+            let settings = settings(samples, 3);
+            let of =
+                |shader| Renderer::new(&mesh, FRAME, shader, settings.clone(), Engine::detect()).unwrap();
+            let (renderer, of_even) = (of(&shader), of(&even));
+            let mut worker = renderer.worker();
+            let (front, hidden) = renderer.all(0, &mut worker);
+            assert_eq!((front.clone(), hidden.clone()), of_even.all(0, &mut worker));
+            let (front_alone, hidden_alone) = (of_even.front(0, &mut worker), of_even.hidden(0, &mut worker));
+            assert_eq!((&front_alone.sheet, front_alone.has_edge), (&front.sheet, front.has_edge));
+            assert_eq!(hidden_alone.0, hidden);
+            assert_eq!(hidden_alone.1.hidden_samples, front.counts.hidden_samples);
+            assert_eq!(hidden_alone.1.hidden_back_samples, front.counts.hidden_back_samples);
+            let mut all = vec![vec![Vec::new(); samples]; 4096];
+            renderer.surfaces(0, &mut worker, |row, column, sample, found| {
+                all[row * 64 + column][sample] = found.to_vec();
+            });
+            let (mut made, mut surfaces) = (PixelSheets::default(), PixelSurfaces::default());
+            for (at, of_pixel) in all.iter().enumerate() {
+                surfaces.clear();
+                for of_sample in of_pixel {
+                    of_sample.iter().for_each(|s| surfaces.push(s.0));
+                    surfaces.end_sample();
+                }
+                made.compute(&surfaces, 3, settings.gap_dioptre, true);
+                let flat: Vec<u32> = of_pixel.iter().flatten().map(|s| s.1).collect();
+                for (q, sheet) in std::iter::once(&front.sheet).chain(&hidden).enumerate() {
+                    let Some(expected) = made.sheets().get(q) else {
+                        assert_eq!((sheet.coverage[at], sheet.depth[at]), (0.0, 0.0), "{samples} {at} {q}");
+                        continue;
+                    };
+                    assert_eq!(sheet.coverage[at], expected.coverage as f32, "{samples} {at} {q}");
+                    assert_eq!(sheet.depth[at], (1.0 / expected.vergence) as f32, "{samples} {at} {q}");
+                    let members = made.members(expected);
+                    for basis in 0..3 {
+                        let of_basis = |m: &&(u32, usize)| mesh.part_of(flat[m.1]).0 % 3 == basis;
+                        let weight = members.iter().filter(of_basis).count() as f64 / members.len() as f64;
+                        assert_eq!(sheet.weights[basis * 4096 + at], weight as f32, "{samples} {at} {q}");
+                    }
+                }
+            }
         }
     }
 }

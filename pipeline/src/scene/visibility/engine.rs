@@ -7,8 +7,9 @@
 
 #[cfg(target_arch = "x86_64")]
 use super::lanes::Avx2;
-use super::lanes::LANES;
+use super::lanes::{LANES, Lanes};
 use super::raster::{Row, RowHits, add_row};
+use super::tile::Kept;
 
 /// An instruction set that the loop over samples is compiled for.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -53,18 +54,26 @@ impl Engine {
     }
 
     /// [`add_row`] by these instructions.
-    pub(crate) fn add_row(self, row: &Row<'_>, hits: &mut RowHits) {
+    pub(crate) fn add_row(self, row: &Row<'_>, kept: Kept, hits: &mut RowHits) {
         match self.0 {
             // SAFETY: the variant is only made where its instructions were detected (`available`).
             #[cfg(target_arch = "x86_64")]
-            Set::Avx2 => unsafe { avx2(row, hits) },
-            Set::Portable => add_row::<[f64; LANES]>(row, hits),
+            Set::Avx2 => unsafe { avx2(row, kept, hits) },
+            Set::Portable => add::<[f64; LANES]>(row, kept, hits),
         }
     }
 }
 
 #[cfg(target_arch = "x86_64")]
 #[target_feature(enable = "avx2")]
-fn avx2(row: &Row<'_>, hits: &mut RowHits) {
-    add_row::<Avx2>(row, hits);
+fn avx2(row: &Row<'_>, kept: Kept, hits: &mut RowHits) {
+    add::<Avx2>(row, kept, hits);
+}
+
+#[inline(always)]
+fn add<V: Lanes>(row: &Row<'_>, kept: Kept, hits: &mut RowHits) {
+    match kept {
+        Kept::Nearest => add_row::<V, true>(row, hits),
+        Kept::All => add_row::<V, false>(row, hits),
+    }
 }

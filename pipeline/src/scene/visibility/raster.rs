@@ -1,17 +1,18 @@
 //! Hits of the samples of a row of pixels of a tile, sorted.
 //!
-//! A row of samples is the sample i of the 64 pixels of the row: one y, and x ascending with the column. Four of them, a group, are evaluated
-//! together. A group holds layers: layer 0 has the nearest hit of each of its samples, layer 1 the next. A hit is inserted by moving the
-//! farther ones down; triangles come in ascending order, so a hit goes behind those of equal vergence.
+//! Samples are in the order of the columns, those of a pixel one after the other. Four of them, a group, are evaluated together: of one pixel, or of four
+//! pixels with one sample each. A group holds layers: layer 0 has the nearest hit of each of its samples, layer 1 the next. A hit is
+//! inserted by moving the farther ones down; triangles come in ascending order, so a hit goes behind those of equal vergence.
 
 use super::lanes::{LANES, Lanes};
+use super::spans::RowSpan;
 use super::triangle::Edges;
 use super::{MAX_HITS, TILE_PX};
 
 /// Samples of a group.
 pub(crate) const GROUP: usize = LANES;
-/// Groups of a row of samples.
-const GROUPS: usize = TILE_PX / GROUP;
+/// Bits of a mask of all of them.
+const ALL: u32 = (1 << LANES) - 1;
 
 /// A triangle in a tile.
 #[derive(Clone, Copy, Debug)]
@@ -26,8 +27,8 @@ pub(crate) struct TileTriangle {
     pub(crate) label: Label,
     /// First row of the tile with hits, and one past the last.
     pub(crate) rows: (u8, u8),
-    /// The same of groups of columns.
-    pub(crate) groups: (u8, u8),
+    /// Place of the first row in the list of spans.
+    pub(crate) spans: usize,
     /// Whether hits see the front.
     pub(crate) is_front: bool,
     /// Whether hits of the back are no surfaces unless the triangle is of a solid.
@@ -36,18 +37,26 @@ pub(crate) struct TileTriangle {
     pub(crate) has_alpha: bool,
 }
 
-/// Number of a triangle in the tile, and its solid.
+/// Number of a triangle in the tile, its solid, and whether its hits see the back of a one-sided material.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub(crate) struct Label(u64);
 
 impl Label {
+    /// Solids from this one on have no bit, nor have triangles without a solid.
+    pub(crate) const LAST: u32 = 63;
+
+    const SOLID: u64 = (Self::LAST as u64) << 32;
+    const BACK: u64 = 1 << 40;
+
     /// Of triangle `number`; `solid` is its number in the tile, `u32::MAX` if none.
     pub(crate) fn new(number: u32, solid: u32) -> Self {
         Self(u64::from(solid.min(Self::LAST)) << 32 | u64::from(number))
     }
 
-    /// Solids from this one on have no bit, nor have triangles without a solid.
-    pub(crate) const LAST: u32 = 63;
+    /// Of hits that see the back of a one-sided material.
+    pub(crate) fn of_back(self) -> Self {
+        Self(self.0 | Self::BACK)
+    }
 
     /// Number of the triangle in the tile.
     #[inline(always)]
@@ -58,13 +67,14 @@ impl Label {
     /// The bit of its solid, 0 without.
     #[inline(always)]
     pub(crate) fn solid_bit(self) -> u64 {
-        (1 << (self.0 >> 32)) & !(1 << Self::LAST)
+        (1 << ((self.0 & Self::SOLID) >> 32)) & !(1 << Self::LAST)
     }
 }
 
 /// One layer of a group.
 #[derive(Clone, Copy)]
-pub(crate) struct Layer {
+#[repr(align(64))]
+struct Layer {
     /// 1/m; 0 without a hit.
     vergence: [f64; GROUP],
     /// Bits of the [`TileTriangle::label`].
@@ -73,39 +83,72 @@ pub(crate) struct Layer {
 
 const NO_HIT: Layer = Layer { vergence: [0.0; GROUP], label: [0.0; GROUP] };
 
-/// Sorted hits of a row of pixels: 64 B a layer of a group, 9 layers at first, for the deepest sample at most 257.
+/// Hits of one layer in the samples of a pixel.
+#[derive(Clone, Copy)]
+pub(crate) struct PixelLayer {
+    /// Of the first sample.
+    pub(crate) label: Label,
+    /// Bits in which labels of samples differ.
+    differs: u64,
+    /// Largest vergence, 1/m; 0 without hits.
+    pub(crate) near: f64,
+    /// Least vergence; 0 if a sample has no hit.
+    pub(crate) far: f64,
+    /// Sum in the order of the samples.
+    pub(crate) sum: f64,
+}
+
+impl PixelLayer {
+    /// Whether all samples have hits.
+    #[inline(always)]
+    pub(crate) fn is_full(&self) -> bool {
+        self.far > 0.0
+    }
+
+    /// Whether all hits are those of one triangle.
+    #[inline(always)]
+    pub(crate) fn is_of_one_triangle(&self) -> bool {
+        self.differs == 0
+    }
+
+    /// Whether all hits have the same bit of a solid.
+    #[inline(always)]
+    pub(crate) fn is_of_one_solid_bit(&self) -> bool {
+        self.differs & Label::SOLID == 0
+    }
+}
+
+/// Sorted hits of a row of pixels: 64 B a layer of a group.
 pub(crate) struct RowHits {
+    /// Layers of all groups, one layer after another; the first always has values.
     layers: Vec<Layer>,
-    /// Layers in use of each group.
+    /// Layers in use of each group, unless only the nearest hit is kept.
     used: Vec<u16>,
-    /// Layers allocated per group; odd, so that groups do not fall on the same lines of a cache.
-    capacity: usize,
-    /// Layers kept: [`MAX_HITS`], or 1 if only the nearest counts.
-    keep: usize,
+    /// Samples of a pixel.
+    samples: usize,
+    /// Groups of a layer; one more than the row has, so that layers of a group do not fall on the same lines of a cache.
+    stride: usize,
     /// Hits beyond [`MAX_HITS`].
     dropped: u64,
 }
 
-/// Layers allocated at first.
-const FIRST_CAPACITY: usize = 9;
+/// Groups of a row of pixels with this number of samples.
+pub(super) fn groups_of_row(samples: usize) -> usize {
+    samples * TILE_PX / GROUP
+}
 
 impl RowHits {
     /// For `samples` a pixel.
     pub(crate) fn new(samples: usize) -> Self {
-        let groups = samples * GROUPS;
-        Self {
-            layers: vec![NO_HIT; groups * FIRST_CAPACITY],
-            used: vec![0; groups],
-            capacity: FIRST_CAPACITY,
-            keep: MAX_HITS,
-            dropped: 0,
-        }
+        let groups = groups_of_row(samples);
+        let stride = groups + 1;
+        Self { layers: vec![NO_HIT; stride], used: vec![0; groups], samples, stride, dropped: 0 }
     }
 
-    /// Removes all hits; from here on the `keep` nearest of each sample are kept.
-    pub(crate) fn clear(&mut self, keep: usize) {
+    /// Removes all hits.
+    pub(super) fn clear(&mut self) {
         self.used.fill(0);
-        self.keep = keep;
+        self.layers[..self.stride].fill(NO_HIT);
     }
 
     /// Hits dropped so far.
@@ -113,81 +156,167 @@ impl RowHits {
         self.dropped
     }
 
+    /// Group and lane of a sample of the pixel at a column.
+    #[inline(always)]
+    fn place(&self, sample: usize, column: usize) -> (usize, usize) {
+        let at = column * self.samples + sample;
+        (at / GROUP, at % GROUP)
+    }
+
     /// Hits of a sample of the pixel at a column, the nearest first.
     #[inline(always)]
     pub(crate) fn of(&self, sample: usize, column: usize) -> impl Iterator<Item = (f64, Label)> + Clone + '_ {
-        let group = sample * GROUPS + column / GROUP;
-        let lane = column % GROUP;
-        let layers = &self.layers[group * self.capacity..][..usize::from(self.used[group])];
+        let (group, lane) = self.place(sample, column);
+        let layers = self.layers[group..].iter().step_by(self.stride).take(usize::from(self.used[group]));
         layers
-            .iter()
             .map(move |layer| (layer.vergence[lane], Label(layer.label[lane].to_bits())))
             .take_while(|hit| hit.0 > 0.0)
     }
 
-    /// Whether all samples of the pixel at a column hit the same triangles in the same order, and at least one.
-    #[inline(always)]
-    pub(crate) fn are_equal(&self, samples: usize, column: usize) -> bool {
-        let (group, lane) = (column / GROUP, column % GROUP);
-        let layers = |i: usize| {
-            let group = i * GROUPS + group;
-            &self.layers[group * self.capacity..][..usize::from(self.used[group])]
-        };
-        let first = layers(0);
-        let count = first.iter().take_while(|layer| layer.vergence[lane] > 0.0).count();
-        let is_equal = |i: usize| {
-            let other = layers(i);
-            let has_more = other.get(count).is_some_and(|layer| layer.vergence[lane] > 0.0);
-            let label = |layer: &Layer| layer.label[lane].to_bits();
-            !has_more
-                && other.len() >= count
-                && first[..count]
-                    .iter()
-                    .zip(other)
-                    .all(|(a, b)| label(a) == label(b) && b.vergence[lane] > 0.0)
-        };
-        count > 0 && (1..samples).all(is_equal)
-    }
-
-    /// Hit of a layer of a sample, which must have one.
+    /// Hit of a layer of a sample, 0 without. The layer must be 0 or less than [`RowHits::depth`].
     #[inline(always)]
     pub(crate) fn hit(&self, sample: usize, column: usize, layer: usize) -> (f64, Label) {
-        let group = sample * GROUPS + column / GROUP;
-        let layer = &self.layers[group * self.capacity + layer];
-        (layer.vergence[column % GROUP], Label(layer.label[column % GROUP].to_bits()))
+        let (group, lane) = self.place(sample, column);
+        let layer = &self.layers[layer * self.stride + group];
+        (layer.vergence[lane], Label(layer.label[lane].to_bits()))
     }
 
-    /// Inserts hits of one triangle; a vergence of 0 is none.
+    /// Layers in use of the groups of the pixel at a column: least and most of them.
     #[inline(always)]
-    fn insert<V: Lanes>(&mut self, group: usize, mut vergence: V, mut label: V) {
+    pub(crate) fn depth(&self, column: usize) -> (usize, usize) {
+        let first = self.place(0, column).0;
+        let of_pixel = &self.used[first..][..self.samples.div_ceil(GROUP)];
+        let (mut least, mut most) = (u16::MAX, 0);
+        for &used in of_pixel {
+            least = least.min(used);
+            most = most.max(used);
+        }
+        (usize::from(least), usize::from(most))
+    }
+
+    /// A layer of the samples of the pixel at a column: 0, or less than [`RowHits::depth`].
+    #[inline(always)]
+    pub(crate) fn layer(&self, column: usize, layer: usize) -> PixelLayer {
+        let (group, lane) = self.place(0, column);
+        let layers = &self.layers[layer * self.stride + group..];
+        if self.samples < GROUP {
+            let (v, label) = (layers[0].vergence[lane], Label(layers[0].label[lane].to_bits()));
+            return PixelLayer { label, differs: 0, near: v, far: v, sum: v };
+        }
+        let label = layers[0].label[0].to_bits();
+        let (mut differs, mut near, mut far, mut sum) = (0, 0.0, f64::INFINITY, 0.0);
+        for layer in &layers[..self.samples / GROUP] {
+            for (&v, l) in layer.vergence.iter().zip(layer.label) {
+                differs |= l.to_bits() ^ label;
+                near = if v > near { v } else { near };
+                far = if v < far { v } else { far };
+                sum += v;
+            }
+        }
+        PixelLayer { label: Label(label), differs, near, far, sum }
+    }
+
+    /// Least vergence of the nearest hits of the pixel at a column, 1/m; infinity without hits.
+    #[inline]
+    pub(crate) fn farthest_first(&self, column: usize) -> f64 {
+        let of = (0..self.samples).map(|i| self.hit(i, column, 0).0);
+        of.filter(|&v| v > 0.0).fold(f64::INFINITY, |far, v| if v < far { v } else { far })
+    }
+
+    /// Whether a nearest hit sees the back of a one-sided material, or has a vergence above `nearest`, 1/m.
+    pub(crate) fn has_unclear(&self, nearest: f64) -> bool {
+        let (mut labels, mut near) = (0, 0.0);
+        for layer in &self.layers[..self.stride] {
+            for (&v, label) in layer.vergence.iter().zip(layer.label) {
+                labels |= label.to_bits();
+                near = if v > near { v } else { near };
+            }
+        }
+        labels & Label::BACK != 0 || near > nearest
+    }
+
+    /// Adds hits of one triangle, to the nearest or to all; a vergence of 0 is none.
+    #[inline(always)]
+    fn add<V: Lanes, const NEAREST: bool>(&mut self, group: usize, vergence: V, label: V) {
+        match NEAREST {
+            true => self.keep_nearest(group, vergence, label),
+            false => self.insert(group, vergence, label),
+        }
+    }
+
+    /// Keeps the nearer hits, of those of one triangle and those found before; a vergence of 0 is none.
+    #[inline(always)]
+    fn keep_nearest<V: Lanes>(&mut self, group: usize, vergence: V, label: V) {
+        let layer = &mut self.layers[group];
+        let (v, l) = (V::load(&layer.vergence), V::load(&layer.label));
+        let nearer = vergence.above(v);
+        // Stores of parts of a register are slow: all or nothing is usual.
+        match nearer.bits() {
+            0 => {}
+            ALL => {
+                vergence.store(&mut layer.vergence);
+                label.store(&mut layer.label);
+            }
+            _ => {
+                v.replaced(nearer, vergence).store(&mut layer.vergence);
+                l.replaced(nearer, label).store(&mut layer.label);
+            }
+        }
+    }
+
+    /// Inserts hits of one triangle; a vergence of 0 is none. From the farthest layer up, as triangles often come from near to far.
+    #[inline(always)]
+    fn insert<V: Lanes>(&mut self, group: usize, vergence: V, label: V) {
         let used = usize::from(self.used[group]);
-        let mut moved = V::splat(0.0);
-        for layer in &mut self.layers[group * self.capacity..][..used] {
+        let mut at = used * self.stride + group;
+        // The layer below that at `at`, as it was: vergence, label, and where the hits are nearer.
+        let mut below = (V::splat(0.0), V::splat(0.0), vergence.above(V::splat(0.0)));
+        let mut is_last = true;
+        while at > group {
+            let layer = &self.layers[at - self.stride];
             let (v, l) = (V::load(&layer.vergence), V::load(&layer.label));
-            moved = moved.or(vergence.above(v));
-            v.replaced(moved, vergence).store(&mut layer.vergence);
-            l.replaced(moved, label).store(&mut layer.label);
-            vergence = vergence.replaced(moved, v);
-            label = label.replaced(moved, l);
+            let nearer = vergence.above(v);
+            let moved_v = below.0.replaced(below.2, vergence).replaced(nearer, v);
+            let moved_l = below.1.replaced(below.2, label).replaced(nearer, l);
+            if is_last {
+                self.append(group, at, moved_v, moved_l);
+                is_last = false;
+            } else {
+                let layer = &mut self.layers[at];
+                moved_v.store(&mut layer.vergence);
+                moved_l.store(&mut layer.label);
+            }
+            if nearer.bits() == 0 {
+                return;
+            }
+            below = (v, l, nearer);
+            at -= self.stride;
         }
-        let rest = vergence.above(V::splat(0.0)).bits();
-        if rest != 0 {
-            self.append(group, vergence, label, rest);
+        let (v, l) = (below.0.replaced(below.2, vergence), below.1.replaced(below.2, label));
+        if is_last {
+            self.append(group, at, v, l);
+        } else {
+            let layer = &mut self.layers[at];
+            v.store(&mut layer.vergence);
+            l.store(&mut layer.label);
         }
     }
 
-    /// Adds a last layer.
+    /// Adds a last layer if it has hits.
     #[inline(always)]
-    fn append<V: Lanes>(&mut self, group: usize, vergence: V, label: V, hits: u32) {
-        let used = usize::from(self.used[group]);
-        if used == self.keep {
-            self.dropped += if self.keep == MAX_HITS { u64::from(hits.count_ones()) } else { 0 };
+    fn append<V: Lanes>(&mut self, group: usize, at: usize, vergence: V, label: V) {
+        let hits = vergence.above(V::splat(0.0)).bits();
+        if hits == 0 {
             return;
         }
-        if used == self.capacity {
+        if usize::from(self.used[group]) == MAX_HITS {
+            self.dropped += u64::from(hits.count_ones());
+            return;
+        }
+        if at >= self.layers.len() {
             self.grow();
         }
-        let layer = &mut self.layers[group * self.capacity + used];
+        let layer = &mut self.layers[at];
         vergence.store(&mut layer.vergence);
         label.store(&mut layer.label);
         self.used[group] += 1;
@@ -195,78 +324,120 @@ impl RowHits {
 
     #[cold]
     fn grow(&mut self) {
-        let capacity = 2 * self.capacity - 1;
-        let mut layers = vec![NO_HIT; self.used.len() * capacity];
-        for (to, from) in layers.chunks_exact_mut(capacity).zip(self.layers.chunks_exact(self.capacity)) {
-            to[..self.capacity].copy_from_slice(from);
-        }
-        (self.layers, self.capacity) = (layers, capacity);
+        self.layers.resize(self.layers.len() + self.stride, NO_HIT);
     }
 }
 
 /// A row of pixels of a tile.
 pub(crate) struct Row<'a> {
+    /// Number of the row in the tile.
+    pub(crate) row: usize,
     /// Triangles of the tile.
     pub(crate) triangles: &'a [TileTriangle],
+    /// Their columns.
+    pub(crate) spans: &'a [RowSpan],
     /// Those in the row, ascending.
     pub(crate) active: &'a [u32],
-    /// x of the samples of each column.
-    pub(crate) x: &'a [[f64; TILE_PX]],
-    /// y of the samples.
-    pub(crate) y: &'a [f64],
+    /// x of the samples of each group.
+    pub(crate) x: &'a [[f64; GROUP]],
+    /// y of the samples of the groups of a pixel; of four pixels with one sample each.
+    pub(crate) y: &'a [[f64; GROUP]],
+    /// Binary logarithm of the pixels of a group, which are 1 or 4.
+    pub(crate) group_shift: u32,
 }
 
-/// Adds the hits of the samples of a row of pixels. Compiled once per instruction set ([`super::Engine`]).
+/// Adds the hits of the samples of a row of pixels, the nearest of each sample or all. Compiled once per instruction set ([`super::Engine`]).
 #[inline(always)]
-pub(super) fn add_row<V: Lanes>(row: &Row<'_>, hits: &mut RowHits) {
+pub(super) fn add_row<V: Lanes, const NEAREST: bool>(row: &Row<'_>, hits: &mut RowHits) {
     for &number in row.active {
         let t = &row.triangles[number as usize];
-        let (first, end) = (usize::from(t.groups.0), usize::from(t.groups.1));
+        let span = row.spans[t.spans + row.row - usize::from(t.rows.0)];
+        let down = |column: u8| usize::from(column) >> row.group_shift;
+        let up = |column: u8| (usize::from(column) + (1 << row.group_shift) - 1) >> row.group_shift;
+        let (first, end) = (down(span.all.0), up(span.all.1));
+        let covered = (up(span.covered.0), down(span.covered.1));
+        let covered = if covered.0 < covered.1 { covered } else { (end, end) };
         let label = V::splat(f64::from_bits(t.label.0));
-        for (sample, (x, &y)) in row.x.iter().zip(row.y).enumerate() {
-            let line = Line::<V>::new(&t.edges, y);
-            for (group, x) in x.as_chunks().0[first..end].iter().enumerate() {
-                if let Some(vergence) = line.vergence(V::load(x)) {
-                    hits.insert(sample * GROUPS + first + group, vergence, label);
+        for (k, y) in row.y.iter().enumerate() {
+            let y = V::load(y);
+            let plane = Plane::new(&t.edges, y);
+            let group = |place: usize| place * row.y.len() + k;
+            if first < covered.0 || covered.1 < end {
+                let sides = Sides::new(&t.edges, y);
+                for place in (first..covered.0).chain(covered.1..end) {
+                    let x = V::load(&row.x[group(place)]);
+                    if let Some(all) = sides.hits(x) {
+                        hits.add::<V, NEAREST>(group(place), plane.vergence(x).and(all), label);
+                    }
                 }
+            }
+            for place in covered.0..covered.1 {
+                let x = V::load(&row.x[group(place)]);
+                hits.add::<V, NEAREST>(group(place), plane.vergence(x), label);
             }
         }
     }
 }
 
-/// A triangle on a line of samples, y constant.
-struct Line<V> {
-    /// n_x, n_y y, n_z and least positive value of each edge function.
-    edges: [[V; 4]; 3],
-    /// N_x, N_y y, N_z, N·v0.
-    plane: [V; 4],
+/// Factor of x, sum with the product of y, and constant of an edge function or plane on a line of samples.
+#[inline(always)]
+fn on_line<V: Lanes>(n: &[f64; 3], y: V) -> [V; 3] {
+    [V::splat(n[0]), V::splat(n[1]).times(y), V::splat(n[2])]
 }
 
-impl<V: Lanes> Line<V> {
+#[inline(always)]
+fn along<V: Lanes>(n: &[V; 3], x: V) -> V {
+    n[0].times(x).plus(n[1]).plus(n[2])
+}
+
+/// Edge functions of a triangle on a line of samples.
+struct Sides<V> {
+    edges: [[V; 3]; 3],
+    /// Least positive values.
+    least: [V; 3],
+}
+
+impl<V: Lanes> Sides<V> {
     #[inline(always)]
-    fn new(edges: &Edges, y: f64) -> Self {
-        let of =
-            |n: &[f64; 3], last: f64| [V::splat(n[0]), V::splat(n[1] * y), V::splat(n[2]), V::splat(last)];
+    fn new(edges: &Edges, y: V) -> Self {
         let [a, b, c] = &edges.n;
+        let [d, e, f] = edges.least;
         Self {
-            edges: [of(a, edges.least[0]), of(b, edges.least[1]), of(c, edges.least[2])],
-            plane: of(&edges.plane, edges.offset),
+            edges: [on_line(a, y), on_line(b, y), on_line(c, y)],
+            least: [V::splat(d), V::splat(e), V::splat(f)],
         }
     }
 
-    /// Vergences of the hits of a group, 0 without a hit; `None` if there are none.
+    /// Mask of the samples of a group that the triangle covers; `None` if there are none.
     #[inline(always)]
-    fn vergence(&self, x: V) -> Option<V> {
-        let is_positive = |e: &[V; 4]| e[0].times(x).plus(e[1]).plus(e[2]).at_least(e[3]);
-        let [a, b, c] =
-            [is_positive(&self.edges[0]), is_positive(&self.edges[1]), is_positive(&self.edges[2])];
+    fn hits(&self, x: V) -> Option<V> {
+        let is_positive = |k: usize| along(&self.edges[k], x).at_least(self.least[k]);
+        let [a, b, c] = [is_positive(0), is_positive(1), is_positive(2)];
         let (all, any) = (a.and(b).and(c), a.or(b).or(c));
         // One sign: all are positive or none is.
-        if all.bits() == 0 && any.bits() == (1 << LANES) - 1 {
+        if all.bits() == 0 && any.bits() == ALL {
             return None;
         }
-        let v = self.plane[0].times(x).plus(self.plane[1]).plus(self.plane[2]).over(self.plane[3]);
-        let exists = v.above(V::splat(0.0)).and(V::splat(f64::INFINITY).above(v));
-        Some(v.and(exists).without(any.without(all)))
+        Some(all.or(V::splat(f64::from_bits(u64::MAX)).without(any)))
+    }
+}
+
+/// Plane of a triangle on a line of samples.
+struct Plane<V> {
+    plane: [V; 3],
+    offset: V,
+}
+
+impl<V: Lanes> Plane<V> {
+    #[inline(always)]
+    fn new(edges: &Edges, y: V) -> Self {
+        Self { plane: on_line(&edges.plane, y), offset: V::splat(edges.offset) }
+    }
+
+    /// Vergences, 0 where they are not positive and finite.
+    #[inline(always)]
+    fn vergence(&self, x: V) -> V {
+        let v = along(&self.plane, x).over(self.offset);
+        v.and(v.above(V::splat(0.0)).and(V::splat(f64::INFINITY).above(v)))
     }
 }

@@ -41,9 +41,25 @@ impl TileSolids {
         self.is_inside.clear();
     }
 
+    /// Whether the tile has none.
+    pub(crate) fn is_empty(&self) -> bool {
+        self.numbers.is_empty()
+    }
+
     /// Says that a triangle of the tile has alpha.
     pub(crate) fn add_alpha(&mut self) {
         self.is_general = true;
+    }
+
+    /// Whether in a sample with hits of these labels all solids are solid, and neither alpha nor the number of solids make a difference.
+    #[inline(always)]
+    pub(crate) fn are_solid(&self, labels: impl Iterator<Item = Label>) -> bool {
+        let (mut odd, mut crossed) = (0, 0);
+        for label in labels {
+            odd ^= label.solid_bit();
+            crossed |= label.solid_bit();
+        }
+        !self.is_general && (odd ^ self.around_bits) & crossed == 0
     }
 
     /// Number in the tile of the solid of a triangle; `u32::MAX` if it has none.
@@ -98,23 +114,15 @@ pub(crate) fn surfaces(
     shader: &dyn Shader,
     mut found: impl FnMut(f64, u32),
 ) {
-    if !solids.is_general {
-        let (mut odd, mut crossed) = (0, 0);
-        for (_, label) in hits.clone() {
-            odd ^= label.solid_bit();
-            crossed |= label.solid_bit();
-        }
-        // Solids are all solid in the sample.
-        if (odd ^ solids.around_bits) & crossed == 0 {
-            let mut inside = 0;
-            for (vergence, label) in hits {
-                if inside == 0 && vergence <= sample.nearest {
-                    found(vergence, label.number());
-                }
-                inside ^= label.solid_bit();
+    if solids.are_solid(hits.clone().map(|(_, label)| label)) {
+        let mut inside = 0;
+        for (vergence, label) in hits {
+            if inside == 0 && vergence <= sample.nearest {
+                found(vergence, label.number());
             }
-            return;
+            inside ^= label.solid_bit();
         }
+        return;
     }
     general((solids, triangles), hits, sample, shader, found);
 }

@@ -1,7 +1,8 @@
 //! The triangles of one tile, prepared for its samples.
 
 use super::bins::{Bins, Span, pixels};
-use super::raster::{GROUP, Label, Row, RowHits, TileTriangle};
+use super::raster::{GROUP, Label, Row, RowHits, TileTriangle, groups_of_row};
+use super::spans::{Outline, RowSpan};
 use super::surfaces::TileSolids;
 use super::triangle::Edges;
 use super::{Engine, TILE_PX};
@@ -9,14 +10,32 @@ use crate::scene::frame::Frame;
 use crate::scene::mesh::Mesh;
 use crate::scene::shading::Shader;
 
+/// Which hits of a sample are kept.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub(crate) enum Kept {
+    /// The nearest.
+    Nearest,
+    /// All, up to [`super::MAX_HITS`].
+    All,
+}
+
 /// Triangles of a tile and the directions of its samples. Kept by a worker from tile to tile.
 pub(crate) struct TileScene {
     places: Vec<[f64; 2]>,
     /// First row and column, height, width in px.
     rect: (usize, usize, usize, usize),
-    /// x of the samples by column.
-    x: Vec<[f64; TILE_PX]>,
+    /// x of the samples of each group.
+    x: Vec<[f64; GROUP]>,
+    /// y of the samples of the groups of a pixel, in a row.
+    y: Vec<[f64; GROUP]>,
     triangles: Vec<TileTriangle>,
+    /// Columns of the triangles, row by row.
+    spans: Vec<RowSpan>,
+    /// Weights of each triangle, one per basis, if those of none depend on the place.
+    even_weights: Vec<f64>,
+    /// Weights of a pixel that sees one triangle alone.
+    pixel_weights: Vec<f32>,
+    has_even_weights: bool,
     solids: TileSolids,
     has_alpha: bool,
     has_one_sided_back: bool,
@@ -24,7 +43,7 @@ pub(crate) struct TileScene {
     starts: [Vec<u32>; TILE_PX],
     active: Vec<u32>,
     merged: Vec<u32>,
-    y: Vec<f64>,
+    row: usize,
 }
 
 impl TileScene {
@@ -32,15 +51,20 @@ impl TileScene {
     pub(crate) fn new(places: Vec<[f64; 2]>) -> Self {
         Self {
             rect: (0, 0, 0, 0),
-            x: vec![[0.0; TILE_PX]; places.len()],
+            x: vec![[0.0; GROUP]; groups_of_row(places.len())],
+            y: vec![[0.0; GROUP]; places.len().div_ceil(GROUP)],
             triangles: Vec::new(),
+            spans: Vec::new(),
+            even_weights: Vec::new(),
+            pixel_weights: Vec::new(),
+            has_even_weights: false,
             solids: TileSolids::default(),
             has_alpha: false,
             has_one_sided_back: false,
             starts: std::array::from_fn(|_| Vec::new()),
             active: Vec::new(),
             merged: Vec::new(),
-            y: vec![0.0; places.len()],
+            row: 0,
             places,
         }
     }
@@ -56,12 +80,15 @@ impl TileScene {
     ) {
         self.rect = bins.grid().rect(tile);
         let (row, column, height, width) = self.rect;
-        for (x, place) in self.x.iter_mut().zip(&self.places) {
-            for (k, x) in x.iter_mut().enumerate() {
-                *x = frame.x((column + k) as f64 + place[0]);
-            }
+        let samples = self.places.len();
+        for (at, x) in self.x.as_flattened_mut().iter_mut().enumerate() {
+            *x = frame.x((column + at / samples) as f64 + self.places[at % samples][0]);
         }
         self.triangles.clear();
+        self.spans.clear();
+        self.even_weights.clear();
+        self.pixel_weights.clear();
+        self.has_even_weights = true;
         self.solids.clear();
         (self.has_alpha, self.has_one_sided_back) = (false, false);
         self.starts.iter_mut().for_each(Vec::clear);
@@ -87,20 +114,46 @@ impl TileScene {
                 self.solids.add_alpha();
             }
             self.has_alpha |= has_alpha;
-            self.has_one_sided_back |= is_one_sided && !is_front;
-            self.starts[rows.0 - row].push(number);
+            let is_back = is_one_sided && !is_front;
+            self.has_one_sided_back |= is_back;
+            self.add_even_weights(shader, t);
+            let label = Label::new(number, solid);
+            let rows = (rows.0 - row, rows.1 - row);
+            self.starts[rows.0].push(number);
             self.triangles.push(TileTriangle {
                 edges,
                 triangle: t,
                 solid,
-                label: Label::new(number, solid),
-                rows: ((rows.0 - row) as u8, (rows.1 - row) as u8),
-                groups: (((columns.0 - column) / GROUP) as u8, (columns.1 - column).div_ceil(GROUP) as u8),
+                label: if is_back { label.of_back() } else { label },
+                rows: (rows.0 as u8, rows.1 as u8),
+                spans: self.spans.len(),
                 is_front,
                 is_one_sided,
                 has_alpha,
             });
+            let columns = (columns.0 - column, columns.1 - column);
+            match Outline::new(frame, &corners) {
+                Some(outline) => outline.add_spans((row, column), rows, columns, &mut self.spans),
+                None => self.spans.extend((rows.0..rows.1).map(|_| RowSpan::uncovered(columns))),
+            }
         }
+    }
+
+    /// Adds the weights of the next triangle, unless those of one depend on the place.
+    fn add_even_weights(&mut self, shader: &dyn Shader, triangle: u32) {
+        if self.has_even_weights {
+            let first = self.even_weights.len();
+            self.even_weights.resize(first + shader.bases(), 0.0);
+            self.has_even_weights = shader.even_weights(triangle, &mut self.even_weights[first..]);
+            // Their mean is that of one; a sum is never -0.
+            self.pixel_weights.extend(self.even_weights[first..].iter().map(|w| (0.0 + w) as f32));
+        }
+    }
+
+    /// Weights of a hit of each triangle, one per basis, and those of a pixel that sees it alone; `None` if those of a triangle depend on the place.
+    #[inline]
+    pub(crate) fn even_weights(&self) -> Option<(&[f64], &[f32])> {
+        self.has_even_weights.then_some((&self.even_weights, &self.pixel_weights))
     }
 
     /// First row and column, height and width in px.
@@ -132,7 +185,8 @@ impl TileScene {
     /// Direction (x, y) of a sample of the pixel at a column of the tile, in the row of [`TileScene::hits`].
     #[inline]
     pub(crate) fn direction(&self, sample: usize, column: usize) -> (f64, f64) {
-        (self.x[sample][column], self.y[sample])
+        let at = column * self.places.len() + sample;
+        (self.x[at / GROUP][at % GROUP], self.y[sample / GROUP][sample % GROUP])
     }
 
     /// Solids of the tile.
@@ -140,34 +194,35 @@ impl TileScene {
         (&mut self.solids, &self.triangles)
     }
 
-    /// Hits of the samples of a row of the tile; rows must come in order from 0 on.
-    pub(crate) fn hits(
-        &mut self,
-        frame: &Frame,
-        row: usize,
-        engine: Engine,
-        keep: usize,
-        hits: &mut RowHits,
-    ) {
+    /// Hits of the samples of a row of the tile, the nearest of each sample or all; rows must come in order from 0 on.
+    pub(crate) fn hits(&mut self, frame: &Frame, row: usize, engine: Engine, kept: Kept, hits: &mut RowHits) {
+        self.row = row;
         if row == 0 {
             self.active.clear();
         }
-        for (y, place) in self.y.iter_mut().zip(&self.places) {
-            *y = frame.y((self.rect.0 + row) as f64 + place[1]);
+        for (at, y) in self.y.as_flattened_mut().iter_mut().enumerate() {
+            *y = frame.y((self.rect.0 + row) as f64 + self.places[at % self.places.len()][1]);
         }
         let triangles = &self.triangles;
         self.active.retain(|&t| usize::from(triangles[t as usize].rows.1) > row);
         merge(&self.active, &self.starts[row], &mut self.merged);
         std::mem::swap(&mut self.active, &mut self.merged);
-        self.hits_again(engine, keep, hits);
+        self.hits_again(engine, kept, hits);
     }
 
     /// Hits of the row of the last call of [`TileScene::hits`].
-    pub(crate) fn hits_again(&self, engine: Engine, keep: usize, hits: &mut RowHits) {
-        let triangles = &self.triangles;
-        hits.clear(keep);
-        let row = Row { triangles, active: &self.active, x: &self.x, y: &self.y };
-        engine.add_row(&row, hits);
+    pub(crate) fn hits_again(&self, engine: Engine, kept: Kept, hits: &mut RowHits) {
+        hits.clear();
+        let row = Row {
+            row: self.row,
+            triangles: &self.triangles,
+            spans: &self.spans,
+            active: &self.active,
+            x: &self.x,
+            y: &self.y,
+            group_shift: GROUP.div_ceil(self.places.len()).ilog2(),
+        };
+        engine.add_row(&row, kept, hits);
     }
 }
 
