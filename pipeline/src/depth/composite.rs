@@ -25,8 +25,9 @@
 mod convolve;
 
 use super::counts::Counts;
+use super::pieces::cell::{CellScratch, Correction};
+use super::pieces::layer::{FLOOR, Layer};
 use super::pieces::shape::Shape;
-use super::pieces::{CellScratch, Correction, Layer};
 use super::planes::{Planes, SlabPlanes};
 use super::slabs::Slabs;
 use super::wanted::Wanted;
@@ -37,8 +38,6 @@ use crate::psf::spectra::SpectrumCache;
 use crate::psf::{BandPsf, PsfScratch};
 use std::collections::BTreeMap;
 
-/// Least U that is divided by.
-pub(super) const FLOOR: f32 = 1e-3;
 /// K + M below this is rounding.
 const NOTHING: f32 = 1e-9;
 

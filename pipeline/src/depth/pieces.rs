@@ -25,80 +25,9 @@
 //! 2 px, in place of 23 % and 20 %; 46 pieces 1.9 %, 32 pieces 2.5 %.
 //! It is computed in cells of the film where a slab out of focus partly covers another one out of focus.
 
-mod cell;
+pub(super) mod cell;
+pub(super) mod correction;
 mod disc;
+pub(super) mod layer;
 pub(super) mod shape;
 mod slope;
-
-pub(super) use cell::{CellScratch, Layer, bytes};
-
-use super::planes::Planes;
-use super::slabs::Slabs;
-use crate::geometry::{Frame, Rect};
-use shape::Shape;
-
-/// Side of the cells of the film, px: pieces of the pupil are those of a cell's middle.
-const CELL_PX: i64 = 64;
-/// Blur radii below this are in focus, px.
-const IN_FOCUS_PX: f64 = 0.1;
-/// A kernel of a smaller blur radius does not show the shape of the pupil, px.
-pub(super) const LEAST_WIDE_PX: f64 = 2.0;
-/// Shares of the light below this do not count as present, those above one minus this as all.
-const PRESENT: f32 = 1e-3;
-
-/// The correction of one band.
-pub(super) struct Correction<'a> {
-    pub(super) frame: &'a Frame,
-    pub(super) slabs: &'a Slabs,
-    pub(super) shape: &'a Shape,
-    /// Pixels around a tile that its planes have.
-    pub(super) margin: usize,
-}
-
-impl Correction<'_> {
-    /// Adds the correction of `layers`, the nearest first, with the D `doubt` of its pixels and the share of light `open` that
-    /// no slab hides, to the film of `tile`.
-    pub(super) fn add(
-        &self,
-        tile: Rect,
-        planes: &Planes,
-        (layers, doubt, open): (&[Layer], &[f32], &[f32]),
-        film: &mut [f32],
-        s: &mut CellScratch,
-    ) {
-        for (at, cell) in cells(tile).enumerate() {
-            let seen: Vec<&Layer> = layers.iter().filter(|layer| layer.presence[at].is_seen).collect();
-            if self.is_needed(at, planes, &seen) {
-                let middle =
-                    |first: i64| (first.div_euclid(CELL_PX) * CELL_PX) as f64 + (CELL_PX - 1) as f64 / 2.0;
-                let (dy, dx) = (middle(cell.y) - self.frame.axis_px.0, middle(cell.x) - self.frame.axis_px.1);
-                let pieces = self.shape.pieces(dy, dx);
-                self.cell(cell, tile, &pieces, planes, (&seen, doubt, open), film, s);
-            }
-        }
-    }
-
-    /// Whether a slab out of focus covers a part of the pupil before another one out of focus in cell `at`.
-    fn is_needed(&self, at: usize, planes: &Planes, layers: &[&Layer]) -> bool {
-        let slab = |layer: &Layer| planes.slabs[layer.plane].slab;
-        let blurred = |layer: &&&Layer| self.slabs.blur_px(slab(layer)) > IN_FOCUS_PX;
-        let near = layers.iter().filter(blurred).enumerate().filter(|(_, near)| near.presence[at].is_partial);
-        near.into_iter().any(|(i, near)| {
-            let behind = layers.iter().filter(blurred).skip(i + 1);
-            behind
-                .filter(|far| far.presence[at].is_present)
-                .any(|far| self.slabs.apart(slab(far), slab(near)))
-        })
-    }
-}
-
-/// The cells of a tile: parts of it in squares of a grid from the film's first pixel, row by row.
-fn cells(tile: Rect) -> impl Iterator<Item = Rect> {
-    let steps = |first: i64, end: i64| {
-        (first.div_euclid(CELL_PX)..(end - 1).div_euclid(CELL_PX) + 1).map(|i| i * CELL_PX)
-    };
-    steps(tile.y, tile.bottom()).flat_map(move |y| {
-        let square = move |x| Rect::new(y, x, CELL_PX as usize, CELL_PX as usize).intersect(tile);
-        steps(tile.x, tile.right()).map(square)
-    })
-}

@@ -3,7 +3,7 @@
 use super::DepthStage;
 use super::hidden::Hidden;
 use super::occupancy::Occupancy;
-use super::pieces::LEAST_WIDE_PX;
+use super::pieces::correction::LEAST_WIDE_PX;
 use super::pieces::shape::Shape;
 use super::scene::Scene;
 use super::slabs::Slabs;

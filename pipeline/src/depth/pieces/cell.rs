@@ -1,75 +1,27 @@
 //! The correction of one cell of the film.
 
 use super::disc::{Disc, DiscScratch};
-use super::shape::{PIECES, Pieces};
+use super::layer::{CELL_PX, FEW, FLOOR, Layer};
+use super::shape::{PIECES, Pieces, Shape};
 use super::slope::{Slope, slopes};
-use super::{CELL_PX, Correction, PRESENT, cells};
 use crate::buffer::resize_exact;
-use crate::depth::composite::FLOOR;
 use crate::depth::planes::{Planes, SlabPlanes};
-use crate::geometry::Rect;
+use crate::depth::slabs::Slabs;
+use crate::geometry::{Frame, Rect};
 
 /// Positions in a slab that differ by less are one.
 const ONE_POSITION: f32 = 1e-4;
 
-/// Shares of the light below this count less for what is unknown behind them.
-const FEW: f32 = 0.01;
 /// Where the composite leaves this share of the light open, what lies there is no surface.
 const OPEN: f32 = 0.05;
-/// Shares of the light below this are not seen.
-const SEEN: f32 = 1e-5;
 
-/// What `composite` found of one slab of a tile.
-#[derive(Debug)]
-pub(in crate::depth) struct Layer {
-    /// Index in the tile's planes.
-    pub(in crate::depth) plane: usize,
-    /// g of each pixel; `None`: 1 everywhere.
-    gain: Option<Vec<f32>>,
-    /// Per cell of the tile.
-    pub(super) presence: Vec<Presence>,
-}
-
-/// How much of a slab is seen in a cell: of T w, the share of the light of a pixel that it hides and that nothing in front does.
-#[derive(Clone, Copy, Debug, Default)]
-pub(super) struct Presence {
-    /// Some of it.
-    pub(super) is_seen: bool,
-    /// More than a little.
-    pub(super) is_present: bool,
-    /// And it covers a part of the pupil of a pixel only.
-    pub(super) is_partial: bool,
-}
-
-impl Layer {
-    /// Of the slab at `plane` of the planes of `tile`, with its shares w, T w and g of the tile's pixels. Raises their `doubt` D.
-    pub(in crate::depth) fn new(
-        plane: usize,
-        tile: Rect,
-        share: &[f32],
-        visible: &[f32],
-        gain: Vec<f32>,
-        doubt: &mut [f32],
-    ) -> Self {
-        for ((doubt, g), visible) in doubt.iter_mut().zip(&gain).zip(visible) {
-            *doubt = doubt.max((g - 1.0) * (visible / FEW).clamp(0.0, 1.0));
-        }
-        let presence = |cell: Rect| {
-            let mut presence = Presence::default();
-            for y in cell.y..cell.bottom() {
-                let first = (y - tile.y) as usize * tile.width + (cell.x - tile.x) as usize;
-                for i in first..first + cell.width {
-                    presence.is_seen |= visible[i] > SEEN;
-                    presence.is_present |= visible[i] > PRESENT;
-                    presence.is_partial |= visible[i] > PRESENT && share[i] < 1.0 - PRESENT;
-                }
-            }
-            presence
-        };
-        let presence = cells(tile).map(presence).collect();
-        let is_one = gain.iter().all(|g| *g <= 1.0 + 1e-6);
-        Self { plane, gain: (!is_one).then_some(gain), presence }
-    }
+/// The correction of one band.
+pub(in crate::depth) struct Correction<'a> {
+    pub(in crate::depth) frame: &'a Frame,
+    pub(in crate::depth) slabs: &'a Slabs,
+    pub(in crate::depth) shape: &'a Shape,
+    /// Pixels around a tile that its planes have.
+    pub(in crate::depth) margin: usize,
 }
 
 /// Buffers of one worker.
