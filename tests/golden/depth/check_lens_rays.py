@@ -137,8 +137,9 @@ def two_planes(film):
         rear = pattern(y, x)
         films.append(film.film(points, [(np.where(hidden, 0.0, rear), np.where(hidden, high, low)), (rear, low * white)]))
         scenes.append([film.plane(high, lambda y, x: np.zeros(np.shape(x)), inside=disc), film.plane(low, pattern)])
-    for (name, *_), found, (expected, product) in zip(cases, films, film.truth(points, scenes).transpose(0, 2, 1)):
-        figures(f"two planes, {name}, product of means {100 * abs(product - expected).max():.1f} %: film", found - expected, 2.0)
+    for (name, near, *_), found, (expected, product) in zip(cases, films, film.truth(points, scenes).transpose(0, 2, 1)):
+        # The correction does not know the blur that the lens has in focus.
+        figures(f"two planes, {name}, product of means {100 * abs(product - expected).max():.1f} %: film", found - expected, 2.0 if near else 6.0)
 
 
 for check in (ball, textures):
