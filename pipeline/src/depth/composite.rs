@@ -26,6 +26,7 @@ mod convolve;
 
 use super::counts::Counts;
 use super::pieces::cell::{CellScratch, Correction};
+use super::pieces::correction::may_need;
 use super::pieces::layer::{FLOOR, Layer};
 use super::pieces::shape::Shape;
 use super::planes::{Planes, SlabPlanes};
@@ -61,7 +62,8 @@ pub(super) struct CompositeScratch {
     opened: Vec<f32>,
     passing: Vec<f32>,
     free: Vec<Vec<f32>>,
-    /// What the correction needs of the slabs composited so far.
+    /// Whether the tile may need the correction of surfaces out of focus, and what that needs of the slabs composited so far.
+    is_corrected: bool,
     layers: Vec<Layer>,
     doubt: Vec<f32>,
     cell: CellScratch,
@@ -118,9 +120,12 @@ impl Composite<'_> {
             return;
         }
         s.passing.fill(1.0);
-        s.layers.clear();
-        s.doubt.clear();
-        s.doubt.resize(n, 0.0);
+        s.is_corrected = self.shape.is_some() && may_need(self.slabs, planes);
+        s.free.extend(s.layers.drain(..).filter_map(|layer| layer.gain));
+        if s.is_corrected {
+            s.doubt.clear();
+            s.doubt.resize(n, 0.0);
+        }
         for (at, slab) in planes.slabs.iter().enumerate().rev() {
             s.counts.blocks_of_several += self.blocks(slab.slab, tile);
             slab.part_of(&mut s.behind).iter_mut().zip(&slab.a).for_each(|(behind, a)| *behind -= a);
@@ -128,7 +133,7 @@ impl Composite<'_> {
                 break; // nothing behind is visible
             }
         }
-        if let Some(shape) = self.shape {
+        if let Some(shape) = self.shape.filter(|_| s.is_corrected) {
             let (frame, slabs, margin) = (self.frame, self.slabs, self.margin);
             let CompositeScratch { layers, doubt, passing, cell, .. } = s;
             Correction { frame, slabs, shape, margin }.add(
@@ -191,8 +196,10 @@ impl Composite<'_> {
             rest_of_pupil.iter_mut().zip(w).for_each(|(rest, w)| *rest -= w);
         }
         // Of the pupil behind the slabs near this one, over what is known of it.
-        let corrected = if self.shape.is_some() { n } else { 0 };
-        let (mut gain, mut visible) = (vec![1f32; corrected], vec![0f32; corrected]);
+        let corrected = if s.is_corrected { n } else { 0 };
+        let (mut gain, mut visible) = (s.buffer(corrected), s.buffer(corrected));
+        gain.fill(1.0);
+        visible.fill(0.0);
         let mut most = 0f32;
         for i in (0..n).filter(|&i| s.wanted.pixel(i)) {
             let (w, k, missing) = (share[i], s.known[i], s.missing[i]);
@@ -215,11 +222,11 @@ impl Composite<'_> {
             *w *= f32::from(u8::from(s.wanted.pixel(i)));
             most = most.max(s.passing[i].abs());
         }
-        if self.shape.is_some() {
+        if s.is_corrected {
             s.layers.push(Layer::new(at, tile, &share, &visible, gain, &mut s.doubt));
         }
         s.light = light;
-        s.free.extend([rest_of_pupil, light_invented]);
+        s.free.extend([rest_of_pupil, light_invented, visible]);
         s.shares.insert(slab.slab, share);
         most
     }
@@ -235,10 +242,7 @@ impl Composite<'_> {
         s: &mut CompositeScratch,
     ) {
         let (low, high) = self.slabs.nodes(slab.slab);
-        let t = |i: usize| {
-            let a = slab.at(&slab.a, i);
-            if a > 0.0 { slab.at(&slab.m, i) / a } else { 0.0 }
-        };
+        let t = |i: usize| slab.position(i);
         to.fill(0.0);
         self.add_convolved(low, planes, tile, |i| slab.at(c, i) * (1.0 - t(i)), to, s);
         if high != low {

@@ -13,7 +13,7 @@
 
 use super::extrapolate::{Extrapolation, Known, levels, support};
 use super::occupancy::Occupancy;
-use super::planes::{Planes, SlabPlanes, for_each_row};
+use super::planes::{Planes, SlabPlanes, copy_part, for_each_row};
 use super::slabs::Slabs;
 use crate::buffer::resize_exact;
 use crate::geometry::Rect;
@@ -235,10 +235,6 @@ impl Hidden {
             to.m[i] += share * self.slabs.position(k, v) as f32;
         });
     }
-}
-
-fn copy_part(from: Rect, part: Rect, values: &[f32], to: &mut [f32]) {
-    for_each_row(from, part, |i, k, width| to[k..k + width].copy_from_slice(&values[i..i + width]));
 }
 
 /// Whether each pixel of `part` lies within `reach` rows and columns of a marked one of `from`.

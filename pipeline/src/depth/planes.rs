@@ -62,6 +62,12 @@ impl SlabPlanes {
         plane.get(i.wrapping_sub(self.first)).copied().unwrap_or(0.0)
     }
 
+    /// Position t of the surfaces at index `i` of the whole rectangle, 0 without.
+    pub(super) fn position(&self, i: usize) -> f32 {
+        let a = self.at(&self.a, i);
+        if a > 0.0 { self.at(&self.m, i) / a } else { 0.0 }
+    }
+
     /// The part of `all`, a plane of the whole rectangle, where its planes have values.
     pub(super) fn part_of<'a>(&self, all: &'a mut [f32]) -> &'a mut [f32] {
         &mut all[self.first..][..self.a.len()]
@@ -117,6 +123,11 @@ impl Planes {
 pub(super) fn for_each_row(from: Rect, part: Rect, mut each: impl FnMut(usize, usize, usize)) {
     let first = (part.y - from.y) as usize * from.width + (part.x - from.x) as usize;
     (0..part.height).for_each(|y| each(first + y * from.width, y * part.width, part.width));
+}
+
+/// Copies the part `part` of `values`, a plane of `from`, to `to`.
+pub(super) fn copy_part(from: Rect, part: Rect, values: &[f32], to: &mut [f32]) {
+    for_each_row(from, part, |i, k, width| to[k..k + width].copy_from_slice(&values[i..i + width]));
 }
 
 #[cfg(test)]

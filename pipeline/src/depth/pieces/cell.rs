@@ -5,7 +5,7 @@ use super::layer::{CELL_PX, FEW, FLOOR, Layer};
 use super::shape::{PIECES, Pieces, Shape};
 use super::slope::{Slope, slopes};
 use crate::buffer::resize_exact;
-use crate::depth::planes::{Planes, SlabPlanes};
+use crate::depth::planes::{Planes, SlabPlanes, copy_part, for_each_row};
 use crate::depth::slabs::Slabs;
 use crate::geometry::{Frame, Rect};
 
@@ -107,19 +107,14 @@ impl Correction<'_> {
         complete(n, &part_of_tile(open, tile, cell), &s.passing, &mut s.light);
         let (of_pieces, of_means) = s.light.split_at(all - n);
         let mut change: Vec<f32> = of_means.iter().map(|v| -v).collect();
-        for ((share, _), light) in pieces.pieces.iter().zip(of_pieces.chunks_exact(n)) {
-            change.iter_mut().zip(light).for_each(|(sum, v)| *sum += share * v);
-        }
-        change
-            .iter_mut()
-            .zip(part_of_tile(doubt, tile, cell))
-            .for_each(|(v, doubt)| *v *= (1.0 - doubt).max(0.0));
-        for (y, change) in change.chunks_exact(cell.width).enumerate() {
-            let first = (cell.y - tile.y) as usize + y;
-            let film = &mut film[first * tile.width + (cell.x - tile.x) as usize..];
+        pieces.add_mean(of_pieces, &mut change);
+        for_each_row(tile, cell, |i, k, width| {
+            let doubt = &doubt[i..i + width];
+            let change = change[k..k + width].iter().zip(doubt).map(|(v, doubt)| v * (1.0 - doubt).max(0.0));
             // The film does not become darker than black.
-            std::iter::zip(film, change).for_each(|(film, v)| *film = (*film + v).max(film.min(0.0)));
-        }
+            std::iter::zip(&mut film[i..i + width], change)
+                .for_each(|(film, v)| *film = (*film + v).max(film.min(0.0)));
+        });
     }
 
     /// Share and light of the slab at `plane` as every piece sees it, and their means, into `seen`; whether it has pixels in reach.
@@ -136,28 +131,23 @@ impl Correction<'_> {
             plane.fill(0.0);
         }
         let has_slope = slopes(self.slabs, planes, plane, area, &mut s.slope);
-        let t = |i: usize| {
-            let a = slab.at(&slab.a, i);
-            if a > 0.0 { slab.at(&slab.m, i) / a } else { 0.0 }
-        };
         let within = low + f64::from(first) * (high - low);
         let one: &dyn Fn(usize) -> f32 = &|_| 1.0;
-        let two: [(f64, &dyn Fn(usize) -> f32); 2] = [(low, &|i| 1.0 - t(i)), (high, &t)];
+        let two: [(f64, &dyn Fn(usize) -> f32); 2] =
+            [(low, &|i| 1.0 - slab.position(i)), (high, &|i| slab.position(i))];
         let terms = if last - first < ONE_POSITION { &[(within, one)][..] } else { &two[..] };
+        let view = |at: f64| self.view(self.slabs.blur_at(at), cell, area, pieces);
+        let views: Vec<_> = terms.iter().map(|(at, part)| (view(*at), part)).collect();
         let CellScratch { seen, slope, filter, .. } = s;
-        for (at, part) in terms {
-            let view = self.view(self.slabs.blur_at(*at), cell, area, pieces);
+        for (view, part) in &views {
             view.add(slab, planes, |_, i| part(i), |_| 1.0, seen, filter);
         }
         for plane in [&mut seen.share, &mut seen.light] {
             let (of_pieces, mean) = plane.split_at_mut(all - n);
-            for ((share, _), of_piece) in pieces.pieces.iter().zip(of_pieces.chunks_exact(n)) {
-                mean.iter_mut().zip(of_piece).for_each(|(sum, v)| *sum += share * v);
-            }
+            pieces.add_mean(of_pieces, mean);
         }
         if has_slope {
-            for (at, part) in terms {
-                let view = self.view(self.slabs.blur_at(*at), cell, area, pieces);
+            for (view, part) in &views {
                 let per_px = 1.0 / pieces.blur_px;
                 view.add(slab, planes, |k, i| part(i) * slope.y[k], |d| (d.0 * per_px) as f32, seen, filter);
                 view.add(slab, planes, |k, i| part(i) * slope.x[k], |d| (d.1 * per_px) as f32, seen, filter);
@@ -251,24 +241,25 @@ fn add_linear(from: &[f32], stride: usize, (y, x): (f64, f64), factor: f32, widt
 /// First and last position in the slab of the pixels of `rect` that it has; `None`: none.
 fn positions(slab: &SlabPlanes, planes: &Planes, rect: Rect) -> Option<(f32, f32)> {
     let from = planes.rect.expect("computed before");
-    let rect = rect.intersect(slab.rows_of(from));
-    let mut ends = (f32::INFINITY, f32::NEG_INFINITY);
-    for y in rect.y..rect.bottom() {
-        let first = (y - from.y) as usize * from.width + (rect.x - from.x) as usize - slab.first;
-        for i in first..first + rect.width {
-            if slab.a[i] > 0.0 {
-                let t = slab.m[i] / slab.a[i];
-                ends = (ends.0.min(t), ends.1.max(t));
-            }
-        }
+    let part = rect.intersect(slab.rows_of(from));
+    if part.is_empty() {
+        return None;
     }
+    let mut ends = (f32::INFINITY, f32::NEG_INFINITY);
+    for_each_row(from, part, |first, _, width| {
+        for i in (first..first + width).filter(|&i| slab.at(&slab.a, i) > 0.0) {
+            let t = slab.position(i);
+            ends = (ends.0.min(t), ends.1.max(t));
+        }
+    });
     (ends.0 <= ends.1).then_some(ends)
 }
 
 /// The pixels of `cell` of a plane of `tile`.
 fn part_of_tile(plane: &[f32], tile: Rect, cell: Rect) -> Vec<f32> {
-    let first = (cell.y - tile.y) as usize * tile.width + (cell.x - tile.x) as usize;
-    (0..cell.height).flat_map(|y| plane[first + y * tile.width..][..cell.width].iter().copied()).collect()
+    let mut part = vec![0.0; cell.size().pixels()];
+    copy_part(tile, cell, plane, &mut part);
+    part
 }
 
 /// Makes what is known stand for all where `composite` leaves nothing `open`: a piece may look between two parts of a surface, where it is not known. A

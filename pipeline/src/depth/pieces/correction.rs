@@ -3,6 +3,7 @@
 use super::cell::{CellScratch, Correction};
 use super::layer::{CELL_PX, Layer, cells};
 use crate::depth::planes::Planes;
+use crate::depth::slabs::Slabs;
 use crate::geometry::Rect;
 
 /// Blur radii below this are in focus, px.
@@ -36,13 +37,21 @@ impl Correction<'_> {
     /// Whether a slab out of focus covers a part of the pupil before another one out of focus in cell `at`.
     fn is_needed(&self, at: usize, planes: &Planes, layers: &[&Layer]) -> bool {
         let slab = |layer: &Layer| planes.slabs[layer.plane].slab;
-        let blurred = |layer: &&&Layer| self.slabs.blur_px(slab(layer)) > IN_FOCUS_PX;
-        let near = layers.iter().filter(blurred).enumerate().filter(|(_, near)| near.presence[at].is_partial);
-        near.into_iter().any(|(i, near)| {
-            let behind = layers.iter().filter(blurred).skip(i + 1);
-            behind
-                .filter(|far| far.presence[at].is_present)
-                .any(|far| self.slabs.apart(slab(far), slab(near)))
+        let mut partial = layers.iter().enumerate().filter(|(_, near)| near.presence[at].is_partial);
+        partial.any(|(i, near)| {
+            let mut behind = layers[i + 1..].iter().filter(|far| far.presence[at].is_present);
+            behind.any(|far| may_hide(self.slabs, slab(far), slab(near)))
         })
     }
+}
+
+/// Whether a tile with `planes` may need the correction.
+pub(in crate::depth) fn may_need(slabs: &Slabs, planes: &Planes) -> bool {
+    let all = &planes.slabs;
+    (0..all.len()).any(|far| all[far + 1..].iter().any(|near| may_hide(slabs, all[far].slab, near.slab)))
+}
+
+/// Whether slabs `far` < `near` are of two surfaces, both out of focus.
+fn may_hide(slabs: &Slabs, far: usize, near: usize) -> bool {
+    slabs.blur_px(far) > IN_FOCUS_PX && slabs.blur_px(near) > IN_FOCUS_PX && slabs.apart(far, near)
 }

@@ -1,5 +1,6 @@
 //! What the correction needs of a slab that `composite` has laid over a tile.
 
+use crate::depth::planes::for_each_row;
 use crate::geometry::Rect;
 
 /// Side of the cells of the film, px: pieces of the pupil are those of a cell's middle.
@@ -19,7 +20,7 @@ pub(in crate::depth) struct Layer {
     /// Index in the tile's planes.
     pub(in crate::depth) plane: usize,
     /// g of each pixel; `None`: 1 everywhere.
-    pub(super) gain: Option<Vec<f32>>,
+    pub(in crate::depth) gain: Option<Vec<f32>>,
     /// Per cell of the tile.
     pub(super) presence: Vec<Presence>,
 }
@@ -50,14 +51,13 @@ impl Layer {
         }
         let presence = |cell: Rect| {
             let mut presence = Presence::default();
-            for y in cell.y..cell.bottom() {
-                let first = (y - tile.y) as usize * tile.width + (cell.x - tile.x) as usize;
-                for i in first..first + cell.width {
+            for_each_row(tile, cell, |first, _, width| {
+                for i in first..first + width {
                     presence.is_seen |= visible[i] > SEEN;
                     presence.is_present |= visible[i] > PRESENT;
                     presence.is_partial |= visible[i] > PRESENT && share[i] < 1.0 - PRESENT;
                 }
-            }
+            });
             presence
         };
         let presence = cells(tile).map(presence).collect();

@@ -35,6 +35,13 @@ pub(super) struct Pieces {
 }
 
 impl Pieces {
+    /// Adds the mean over the pupil of `of_pieces`, one plane after the other, to `to`.
+    pub(super) fn add_mean(&self, of_pieces: &[f32], to: &mut [f32]) {
+        for ((share, _), plane) in self.pieces.iter().zip(of_pieces.chunks_exact(to.len())) {
+            to.iter_mut().zip(plane).for_each(|(sum, v)| *sum += share * v);
+        }
+    }
+
     /// The largest of the coordinates of the centroids, px.
     pub(super) fn farthest_px(&self) -> f64 {
         self.pieces.iter().fold(0f64, |most, (_, (y, x))| most.max(y.abs()).max(x.abs()))

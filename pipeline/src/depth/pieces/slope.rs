@@ -41,8 +41,9 @@ pub(super) fn slopes(slabs: &Slabs, planes: &Planes, plane: usize, area: Rect, t
         }
         let i = y as usize * from.width + x as usize;
         of.iter().map(|&k| &planes.slabs[k]).find_map(|slab| {
-            let (a, (low, high)) = (slab.at(&slab.a, i), slabs.ends(slab.slab));
-            (a > 0.0).then(|| slabs.blur_at(low + f64::from(slab.at(&slab.m, i) / a) * (high - low)))
+            let (low, high) = slabs.ends(slab.slab);
+            let is_there = slab.at(&slab.a, i) > 0.0;
+            is_there.then(|| slabs.blur_at(low + f64::from(slab.position(i)) * (high - low)))
         })
     };
     let along = |here: f64, before: Option<f64>, after: Option<f64>| match (before, after) {
