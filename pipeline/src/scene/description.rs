@@ -113,6 +113,22 @@ pub struct Material {
     pub emission_texture: Option<TextureUse>,
 }
 
+impl Material {
+    /// An opaque one of this linear colour, with two sides, without texture and emission.
+    pub fn matt(name: String, colour: [f32; 3]) -> Self {
+        Self {
+            name,
+            colour,
+            alpha: 1.0,
+            texture: None,
+            alpha_mode: AlphaMode::Opaque,
+            two_sided: true,
+            emission: [0.0; 3],
+            emission_texture: None,
+        }
+    }
+}
+
 /// Meaning of a material's alpha.
 #[derive(Clone, Copy, PartialEq, Debug)]
 pub enum AlphaMode {

@@ -1,6 +1,6 @@
 //! Meshes for tests: parts of triangles in the camera frame, which is that of the file.
 
-use super::description::{AlphaMode, Geometry, Material, Part, Positions};
+use super::description::{Geometry, Material, Part, Positions};
 use super::light::shadow::Triangles;
 use super::pose::Pose;
 use std::sync::Arc;
@@ -67,16 +67,7 @@ pub fn wall(z: f32, half: f32) -> Geometry {
 
 /// A material of this linear colour.
 pub fn material(name: &str, colour: [f32; 3]) -> Material {
-    Material {
-        name: name.into(),
-        colour,
-        alpha: 1.0,
-        texture: None,
-        alpha_mode: AlphaMode::Opaque,
-        two_sided: true,
-        emission: [0.0; 3],
-        emission_texture: None,
-    }
+    Material::matt(name.into(), colour)
 }
 
 /// Pseudo-random numbers 0…1 (SplitMix64).

@@ -82,16 +82,9 @@ fn scene(materials: &Array, vertices: &Array, triangles: &Array) -> (Vec<Part>, 
         .iter()
         .map(|&[r, g, b, two_sided, alpha, mode, cutoff]| {
             let alpha_mode = [AlphaMode::Opaque, AlphaMode::Mask(cutoff), AlphaMode::Blend][mode as usize];
-            let material = Material {
-                name: String::new(),
-                colour: [r, g, b],
-                alpha,
-                texture: None,
-                alpha_mode,
-                two_sided: two_sided != 0.0,
-                emission: [0.0; 3],
-                emission_texture: None,
-            };
+            let two_sided = two_sided != 0.0;
+            let material =
+                Material { alpha, alpha_mode, two_sided, ..Material::matt(String::new(), [r, g, b]) };
             ([r, g, b].map(f64::from), material)
         })
         .collect();

@@ -36,7 +36,7 @@ impl Objects<'_> {
 mod tests {
     use super::*;
     use crate::commands::scene::seen::Unlit;
-    use pipeline::scene::description::{AlphaMode, Geometry, Material, Positions};
+    use pipeline::scene::description::{Geometry, Material, Positions};
     use pipeline::scene::frame::Frame;
     use pipeline::scene::mesh::MeshOptions;
     use pipeline::scene::pose::Pose;
@@ -66,16 +66,7 @@ mod tests {
     #[test]
     fn each_pixel_has_the_node_of_its_nearest_surface() {
         let parts = [part(7, 2.0, 0.0, 9.0), part(2, 1.0, 0.5, 0.75)];
-        let material = Material {
-            name: String::new(),
-            colour: [0.5; 3],
-            alpha: 1.0,
-            texture: None,
-            alpha_mode: AlphaMode::Opaque,
-            two_sided: true,
-            emission: [0.0; 3],
-            emission_texture: None,
-        };
+        let material = Material::matt(String::new(), [0.5; 3]);
         let pose =
             Pose { eye: [0.0; 3], right: [1.0, 0.0, 0.0], down: [0.0, -1.0, 0.0], forward: [0.0, 0.0, -1.0] };
         let options = MeshOptions { unit_m: 1.0, solids: true, two_sided: false };

@@ -89,16 +89,7 @@ impl Textures<'_> {
         definition: Option<&Definition>,
         textures: &mut Vec<Texture>,
     ) -> Result<Material, MeshError> {
-        let mut material = Material {
-            name,
-            colour: [if self.are_coloured { 1.0 } else { GREY }; 3],
-            alpha: 1.0,
-            texture: None,
-            alpha_mode: AlphaMode::Opaque,
-            two_sided: true,
-            emission: [0.0; 3],
-            emission_texture: None,
-        };
+        let mut material = Material::matt(name, [if self.are_coloured { 1.0 } else { GREY }; 3]);
         if let Some(definition) = definition {
             self.set_colour(&mut material, definition, textures)?;
             self.set_emission(&mut material, definition, textures)?;

@@ -73,16 +73,9 @@ impl Mesh {
             context.note("vertices without colour are 0.8 grey");
         }
         let is_opaque = geometry.colours.iter().all(|colour| colour[3] == 1.0);
-        let material = Material {
-            name: String::new(),
-            colour: [if is_coloured { 1.0 } else { GREY }; 3],
-            alpha: 1.0,
-            texture: None,
-            alpha_mode: if is_opaque { AlphaMode::Opaque } else { AlphaMode::Blend },
-            two_sided: true,
-            emission: [0.0; 3],
-            emission_texture: None,
-        };
+        let alpha_mode = if is_opaque { AlphaMode::Opaque } else { AlphaMode::Blend };
+        let colour = [if is_coloured { 1.0 } else { GREY }; 3];
+        let material = Material { alpha_mode, ..Material::matt(String::new(), colour) };
         let name = context.path.file_stem().unwrap_or_default().to_string_lossy().into_owned();
         let geometry = Arc::new(geometry);
         let part = Part { name, node: 0, to_world: IDENTITY, geometry, material: 0 };

@@ -29,16 +29,7 @@ pub(crate) fn part(shape: Shape, material: usize) -> Part {
 }
 
 pub(crate) fn material(two_sided: bool) -> Material {
-    Material {
-        name: String::new(),
-        colour: [1.0; 3],
-        alpha: 1.0,
-        texture: None,
-        alpha_mode: AlphaMode::Opaque,
-        two_sided,
-        emission: [0.0; 3],
-        emission_texture: None,
-    }
+    Material { two_sided, ..Material::matt(String::new(), [1.0; 3]) }
 }
 
 pub(crate) fn mesh(shapes: Vec<Shape>, options: MeshOptions) -> Mesh {
