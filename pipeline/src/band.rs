@@ -5,17 +5,18 @@
 
 use crate::depth::DepthStage;
 use crate::depth::plan::{DepthPlan, Surfaces};
-use crate::field::Outside;
+use crate::field::{self, Outside};
 use crate::geometry::{Frame, Rect};
 use crate::layer::Layer;
-use crate::lens::{Lens, LensBand, LensError, PsfStack, linear};
-use crate::options::PsfTables;
+use crate::lens::{Lens, LensBand, LensError, PsfSample, PsfStack, linear};
 pub use crate::options::{Options, PsfBetween};
+use crate::options::{PsfNodes, PsfTables};
 use crate::psf::BandPsf;
 use crate::psf::blocks::Blocks;
 use crate::psf::grid::NodeGrid;
 use crate::psf::kernel::NodeKernels;
-use crate::psf::kernel::on_demand::PsfReader;
+use crate::psf::kernel::on_demand::{KernelsOnDemand, PsfReader, PsfSource};
+use crate::psf::memory;
 use crate::remap::Remap;
 use crate::stage::Stage;
 use crate::tails::TailPlan;
@@ -23,6 +24,9 @@ use crate::tiling::Tiling;
 
 /// Wavelengths closer than this are the same, nm.
 const SAME_NM: f64 = 1e-6;
+/// Largest prepared PSFs of a band without rotational symmetry that are kept in memory, bytes: a sixteenth of 1 GiB, of which two bands are in
+/// flight.
+const MAX_IN_MEMORY: usize = 64 << 20;
 
 /// The lens bands that a wavelength is interpolated from: `first` only, or both with the share of `second`.
 #[derive(Clone, Copy, Debug, PartialEq)]
@@ -65,7 +69,7 @@ impl LensBands {
 /// #     wavelength_nm: 550.0, ideal_height_mm: heights.clone(), image_height_mm: heights.clone(), relative_illumination: vec![1.0, 0.9],
 /// #     psf_height_mm: heights, azimuth_count: vec![1, 4], psf_size: 9, psf_pitch_um: 2.0, psf_energy: vec![1.0, 1.0],
 /// #     solid_angle_sr: 0.1, transmission: 1.0,
-/// #     tail: None,
+/// #     tail: None, planar: None,
 /// # };
 /// # let lens = Lens {
 /// #     name: "ideal".into(), distortion_focal_length_mm: 50.0, effective_focal_length_mm: 50.0, f_number: 2.8, primary_wavelength_nm: 550.0,
@@ -140,23 +144,13 @@ impl BandPlan {
                 size: tables.psf_size,
                 pitch_um: tables.psf_pitch_um,
                 sample: lens.psf_sample,
-                height_mm: &tables.psf_height_mm,
-                azimuth_count: &tables.azimuth_count,
+                nodes: PsfNodes::of(&tables),
             };
             let (nodes, of_nodes) = options.partition(frame, &psfs)?;
             (grid, blocks) = (Some(nodes), Some(of_nodes));
         }
         let tiling = Tiling::new(frame.film, blocks.as_ref());
-        let needed = frame.farthest_mm(frame.film.rect().grown(tiling.margin()));
-        let check = |table, last: &[f64]| {
-            options.interpolation.outside.check(table, wavelength_nm, needed, last[last.len() - 1])
-        };
-        if options.stages.has(Stage::Svpsf) {
-            check("psf_height table", &tables.psf_height_mm)?;
-        }
-        if options.stages.has(Stage::Ri) || options.stages.has(Stage::Distortion) {
-            check("image_height table", &tables.image_height_mm)?;
-        }
+        check_covers(frame, &tables, &tiling, options)?;
         Ok(Self { lens_bands, lens: tables, grid, blocks, tiling, node: None, depth: None, tail: None })
     }
 
@@ -230,6 +224,47 @@ impl BandPlan {
         })
     }
 
+    /// Bytes of its PSFs, ready for kernels.
+    pub fn kernels_bytes(&self) -> usize {
+        let (psfs, side) = (self.lens.psf_count(), self.lens.psf_size);
+        self.blocks.map_or(0, |blocks| memory::kernels_bytes(&blocks, psfs, side))
+    }
+
+    /// Whether its PSFs are read when a kernel needs them, those of a height at a time: those of a lens without rotational symmetry, if they are large.
+    pub fn reads_on_demand(&self) -> bool {
+        let is_plain = self.lens_bands.second.is_none() && self.tail.is_none();
+        is_plain && !self.lens.is_symmetric() && self.kernels_bytes() > MAX_IN_MEMORY
+    }
+
+    /// Bytes of the largest set of PSFs that are read together, ready for kernels.
+    pub fn largest_set_bytes(&self) -> usize {
+        let Some((blocks, grid)) = self.blocks.as_ref().zip(self.grid.as_ref()) else { return 0 };
+        let largest = (0..grid.psf_sets()).map(|set| grid.psf_rows(set).len()).max().unwrap_or(0);
+        memory::kernels_bytes(blocks, largest, self.lens.psf_size)
+    }
+
+    /// As [`BandPlan::stages`], for a band that [reads on demand](BandPlan::reads_on_demand): `reader` reads the PSFs of a height.
+    pub fn stages_on_demand(
+        &self,
+        position: usize,
+        frame: &Frame,
+        sample: PsfSample,
+        options: &Options,
+        gain: f64,
+        reader: PsfReader,
+    ) -> BandStages {
+        let remap = Remap::new(frame, &self.lens, options.stages, options.interpolation, gain, options.simd);
+        let psf = self.grid.as_ref().map(|grid| {
+            let (shape, source) =
+                ((self.lens.psf_size, self.lens.psf_pitch_um, sample), PsfSource::new(reader));
+            let (window, simd) = (options.psf_window, options.simd);
+            let kernels =
+                KernelsOnDemand::new((&source, 0), grid.psf_sets(), shape, frame.pitch_um, window, simd);
+            BandPsf::on_demand(position, grid.clone(), kernels, simd)
+        });
+        BandStages { remap, psf, depth: None, layers: Vec::new() }
+    }
+
     /// The stages of this band, the `position`-th of the job. `stack` reads the PSFs of a lens band, only if the PSF stage is enabled;
     /// `gain` multiplies the remapped image (film units).
     ///
@@ -285,6 +320,28 @@ impl BandPlan {
     }
 }
 
+/// Checks that the tables of `band` cover the film and its margin.
+fn check_covers(frame: &Frame, band: &LensBand, tiling: &Tiling, options: &Options) -> Result<(), LensError> {
+    let (outside, stages) = (options.interpolation.outside, options.stages);
+    let film = frame.film.rect().grown(tiling.margin());
+    let needed = frame.farthest_mm(film);
+    let check = |table, heights: &[f64]| match heights.last() {
+        Some(last) => outside.check(table, band.wavelength_nm, needed, *last),
+        // Columns and rows of PSFs, beyond which the outermost ones are used.
+        None => Ok(()),
+    };
+    if stages.has(Stage::Svpsf) {
+        check("psf_height table", &band.psf_height_mm)?;
+    }
+    if !(stages.has(Stage::Ri) || stages.has(Stage::Distortion)) {
+        return Ok(());
+    }
+    match &band.planar {
+        Some(planar) => field::planar::check_covers(&planar.map, band.wavelength_nm, frame, film, outside),
+        None => check("image_height table", &band.image_height_mm),
+    }
+}
+
 /// The tables at a wavelength: those of a lens band, or interpolated between two.
 fn tables(
     lens: &Lens,
@@ -309,11 +366,23 @@ fn tables(
             (a, b) if options.azimuths.is_none() && a.azimuth_count != b.azimuth_count => {
                 return mismatch("azimuth counts");
             }
+            (LensBand { planar: Some(a), .. }, LensBand { planar: Some(b), .. }) if a.psfs != b.psfs => {
+                return mismatch("places of PSFs");
+            }
             _ => (),
         }
     }
+    let planar = match (&first.planar, &second.planar) {
+        (None, None) => None,
+        (Some(a), Some(b)) => match a.between(b, share) {
+            Some(planar) => Some(planar),
+            None => return Err(LensError::Blend { below_nm, above_nm, what: "places of the map" }),
+        },
+        _ => return Err(LensError::Blend { below_nm, above_nm, what: "kinds of tables" }),
+    };
     let mix = |a: f64, b: f64| a + share * (b - a);
     let mix_all = |a: &[f64], b: &[f64]| a.iter().zip(b).map(|(a, b)| mix(*a, *b)).collect::<Vec<_>>();
+    // Without field points, those of a planar map, nothing is computed.
     let at_first = |table: &[f64]| -> Vec<f64> {
         let xs = &second.ideal_height_mm;
         first.ideal_height_mm.iter().map(|&h| linear(xs, table, h)).collect()
@@ -335,6 +404,7 @@ fn tables(
         transmission: mix(first.transmission, second.transmission),
         // Windows of two bands have no tail in common.
         tail: None,
+        planar,
     })
 }
 

@@ -84,10 +84,20 @@ pub const PSF_ENERGY: Bound = bound("the share of light in the PSF window", "", 
 pub const PSF_SIDE: Bound = bound("the side of the PSF window", "samples", 1.0, 8191.0);
 /// Azimuths J_k of a height off the axis: steps of 0.05°.
 pub const AZIMUTHS: Bound = bound("the number of azimuths", "", 1.0, 7200.0);
+/// Azimuths A_k of a height at which a lens without rotational symmetry has PSFs.
+pub const AZIMUTH_SAMPLES: Bound = bound("the number of azimuths with PSFs", "", 1.0, 2880.0);
+/// Columns and rows of PSFs on the film.
+pub const PSF_COLUMNS: Bound = bound("the number of columns or rows of PSFs", "", 1.0, 4096.0);
+/// PSFs of a band of a lens without rotational symmetry.
+pub const PSF_ROWS: Bound = bound("the number of PSFs", "", 1.0, 65_536.0);
 /// Field points of a lens's tables, typically 1000.
 pub const FIELD_POINTS: Bound = bound("the number of field points", "", 2.0, 1e6);
 /// Heights of a lens's PSFs, typically 20 to 100.
 pub const PSF_HEIGHTS: Bound = bound("the number of PSF heights", "", 2.0, 4096.0);
+/// Nodes of a map without rotational symmetry, in each direction: a cubic has 4.
+pub const MAP_NODES: Bound = bound("the number of nodes of the map", "", 4.0, 1025.0);
+/// A coordinate on the ideal plane from the axis, mm.
+pub const IDEAL_POINT_MM: Bound = bound("the ideal point", "mm", -1e5, 1e5);
 /// Numbers in one table of a lens, all bands: 100 bands of 40,000 field points.
 pub const TABLE_NUMBERS: Bound = bound("the size of a lens table", "numbers", 1.0, 4_194_304.0);
 /// Numbers of the pupil functions of a band: those of the built-in lenses have up to 870,000.

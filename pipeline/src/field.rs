@@ -8,8 +8,10 @@
 //! ```
 //! Both are linear between the dense field points of the tables (error ≤ max|f″|·Δr²/8, 1e-4 px by the accuracy required of lens packs), in f64.
 //! Beyond the last point the band plan reports an error or, with [`Outside::Clamp`], h/r and R of the last point are used.
-//! Not modelled: dependence on azimuth; a centred lens has none.
+//! A centred lens has no dependence on azimuth; lenses without rotational symmetry: [`planar`].
 #![allow(clippy::needless_range_loop, reason = "lanes of several arrays at once")]
+
+pub mod planar;
 
 use crate::lens::{LensBand, LensError};
 
@@ -55,16 +57,17 @@ pub struct Field {
     buckets_per_px: f64,
 }
 
-/// Local scale of the map from film to ideal image plane, ideal over REAL length, over all radii up to a limit.
+/// Local scale of the map from film to ideal image plane, ideal over REAL length, over a part of the film.
 ///
-/// h/r across the meridian, h′ = dh/dr along it; the derivative of rows with respect to columns is at most |h′ − h/r|/2.
+/// With rotational symmetry h/r across the meridian, h′ = dh/dr along it, and the derivative of rows with respect to columns is at most |h′ − h/r|/2; without it
+/// bounds of the singular values of the Jacobian.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Stretch {
-    /// Minimum of h/r and h′.
+    /// Minimum of h/r and h′, or of the singular values.
     pub least: f64,
-    /// Maximum of h/r and h′.
+    /// Maximum of h/r and h′, or of the singular values.
     pub greatest: f64,
-    /// Maximum of |h′ − h/r|/2.
+    /// Maximum of |h′ − h/r|/2, or of the derivatives of rows by columns and of columns by rows.
     pub shear: f64,
 }
 

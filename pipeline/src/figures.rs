@@ -47,8 +47,34 @@ pub enum Direction {
 }
 
 impl LensBand {
-    /// Ideal height of the field point at a REAL height, mm.
+    /// Ideal point of the field point at REAL film coordinates (X, Y), mm.
+    pub fn ideal_point_at(&self, [x, y]: [f64; 2]) -> [f64; 2] {
+        match &self.planar {
+            Some(planar) => planar.map.ideal_point_at([x, y]),
+            None => {
+                let real = real::hypot(x, y);
+                let ratio = if real > 0.0 { self.ideal_height_at(real) / real } else { 1.0 };
+                [x * ratio, y * ratio]
+            }
+        }
+    }
+
+    /// Ideal length over REAL length near the axis.
+    pub fn scale_on_axis(&self) -> f64 {
+        match &self.planar {
+            Some(planar) => planar.map.scale_on_axis(),
+            None => self.ideal_height_mm[1] / self.image_height_mm[1],
+        }
+    }
+
+    /// Ideal height of the field point at a REAL height, mm; of a map towards its farthest corner.
     pub fn ideal_height_at(&self, real_mm: f64) -> f64 {
+        if let Some(planar) = &self.planar {
+            let [x, y] = planar.map.farthest_corner_mm();
+            let share = real_mm / real::hypot(x, y);
+            let [x, y] = planar.map.ideal_point_at([x * share, y * share]);
+            return real::hypot(x, y);
+        }
         linear(&self.image_height_mm, &self.ideal_height_mm, real_mm)
     }
 
@@ -74,8 +100,12 @@ impl LensBand {
         1e3 * (real_mm - primary.real_height_at(self.ideal_height_at(real_mm)))
     }
 
-    /// The last REAL height of both the tables and the PSFs, mm.
+    /// The last REAL height of both the tables and the PSFs, mm; of a map the distance of its farthest corner from the axis.
     pub fn reach_mm(&self) -> f64 {
+        if let Some(planar) = &self.planar {
+            let [x, y] = planar.map.farthest_corner_mm();
+            return real::hypot(x, y);
+        }
         let last = |t: &[f64]| t[t.len() - 1];
         last(&self.image_height_mm).min(last(&self.psf_height_mm))
     }

@@ -9,11 +9,14 @@
 //! Tables are dense: linear interpolation between field points is within 1e-4 px (about 1000 points to 25 mm).
 //! The PSF stack of one band may be large (traced: 60 MB), so stacks are read separately, band by band.
 
+mod check;
 pub mod depth;
+pub mod planar;
 pub mod tail;
 
-use crate::bounds::{self, Bound, OutOfBounds};
+use crate::bounds::{self, OutOfBounds};
 use depth::LensDepth;
+use planar::{PlanarBand, PlanarMap, PsfPlaces};
 use tail::BandTail;
 use thiserror::Error;
 
@@ -35,7 +38,7 @@ pub enum PsfSample {
 /// #     wavelength_nm: 550.0, ideal_height_mm: heights.clone(), image_height_mm: heights.clone(), relative_illumination: vec![1.0, 0.9],
 /// #     psf_height_mm: heights, azimuth_count: vec![1, 4], psf_size: 9, psf_pitch_um: 2.0, psf_energy: vec![1.0, 1.0],
 /// #     solid_angle_sr: 0.1, transmission: 1.0,
-/// #     tail: None,
+/// #     tail: None, planar: None,
 /// # };
 /// # let lens = Lens {
 /// #     name: "ideal".into(), distortion_focal_length_mm: 50.0, effective_focal_length_mm: 50.0, f_number: 2.8, primary_wavelength_nm: 550.0,
@@ -73,6 +76,11 @@ pub struct Lens {
 }
 
 impl Lens {
+    /// Whether the tables of all bands are over image height: those of a lens with rotational symmetry.
+    pub fn is_symmetric(&self) -> bool {
+        self.bands.iter().all(LensBand::is_symmetric)
+    }
+
     /// Checks the numbers that are common to all bands.
     ///
     /// # Errors
@@ -117,9 +125,12 @@ pub struct LensBand {
     pub transmission: f64,
     /// Light of the PSFs beyond their windows, if known: films then hold it, and kernels are not scaled to sum 1.
     pub tail: Option<BandTail>,
+    /// Tables of a lens without rotational symmetry, in place of those over image height, which are then empty.
+    pub planar: Option<PlanarBand>,
 }
 
-/// PSF samples of one band: K windows of n × n, each of sum 1, chief ray at the centre sample.
+/// PSF samples of one band: windows of n × n, each of sum 1, chief ray at the centre sample. The rows of the stack are the windows: one a height;
+/// for PSFs that depend on the azimuth A_k a height, of (k, a) with a fastest; of a Cartesian grid of nodes one a node, of (row, column).
 #[derive(Clone, Debug, PartialEq)]
 pub struct PsfStack {
     /// Side n of a window, odd.
@@ -128,17 +139,17 @@ pub struct PsfStack {
     pub pitch_um: f64,
     /// Meaning of a sample.
     pub sample: PsfSample,
-    /// K × n × n samples, row down, field point on +x.
+    /// Windows × n × n samples, row down; field point on +x, but for Cartesian grids.
     pub samples: Vec<f32>,
 }
 
 impl PsfStack {
-    /// Number of heights.
+    /// Number of windows: of heights, if each has one.
     pub fn heights(&self) -> usize {
         self.samples.len() / (self.size * self.size)
     }
 
-    /// The window of height `k`.
+    /// The window `k`, that of height `k` if each has one.
     pub fn window(&self, k: usize) -> &[f32] {
         let n = self.size * self.size;
         &self.samples[k * n..][..n]
@@ -172,6 +183,23 @@ pub enum LensError {
         needed_mm: f64,
         /// Last real image height of the table, mm.
         last_mm: f64,
+    },
+    /// The film extends beyond the map of a lens without rotational symmetry.
+    #[error(
+        "the film with its margin reaches from ({:.6}, {:.6}) to ({:.6}, {:.6}) mm, but the lens's map at {wavelength_nm} nm from ({:.6}, {:.6}) to ({:.6}, {:.6}) mm; use a smaller film or a lens pack with a larger map, or use the last values with `--outside clamp`",
+        x[0], y[0], x[1], y[1], map_x[0], map_y[0], map_x[1], map_y[1]
+    )]
+    OutsideMap {
+        /// The band.
+        wavelength_nm: f64,
+        /// First and last X of the film, mm.
+        x: [f64; 2],
+        /// First and last Y of the film, mm.
+        y: [f64; 2],
+        /// First and last X of the map, mm.
+        map_x: [f64; 2],
+        /// First and last Y of the map, mm.
+        map_y: [f64; 2],
     },
     /// A chart band lies outside the lens's wavelengths.
     #[error("chart band {wavelength_nm} nm lies outside the lens's {first_nm}..{last_nm} nm")]
@@ -260,74 +288,38 @@ impl LensBand {
             solid_angle_sr: 0.1,
             transmission: 1.0,
             tail: None,
+            planar: None,
         }
     }
 
-    /// Checks the contract of every table; all numbers lie within [`bounds`].
-    ///
-    /// # Errors
-    /// [`LensError::Table`] with the first table that violates it.
-    pub fn check(&self) -> Result<(), LensError> {
-        let bad = |table, problem: String| {
-            Err(LensError::Table { wavelength_nm: self.wavelength_nm, table, problem })
-        };
-        let one = |table, bound: Bound, value: f64| match bound.check(value) {
-            Ok(_) => Ok(()),
-            Err(e) => bad(table, format!("is out of bounds: {e}")),
-        };
-        let all = |table, bound: Bound, values: &[f64]| match bound.check_all(values) {
-            Ok(()) => Ok(()),
-            Err((i, e)) => bad(table, format!("is out of bounds at index {i}: {e}")),
-        };
-        one("wavelength", bounds::WAVELENGTH_NM, self.wavelength_nm)?;
-        let m = self.ideal_height_mm.len();
-        one("ideal_height", bounds::FIELD_POINTS, m as f64)?;
-        for (name, table) in
-            [("ideal_height", &self.ideal_height_mm), ("image_height", &self.image_height_mm)]
-        {
-            if table.len() != m {
-                return bad(name, format!("has {} field points, expected {m}", table.len()));
-            }
-            if let Err(problem) = ascending_from_zero(table) {
-                return bad(name, problem);
-            }
-            all(name, bounds::HEIGHT_MM, table)?;
+    /// The band with `map` in place of its tables over image height, and with its PSFs, one a height.
+    #[must_use]
+    pub fn with_map(self, map: PlanarMap) -> Self {
+        let psfs = PsfPlaces::Polar { azimuth_samples: vec![1; self.psf_height_mm.len()] };
+        Self {
+            ideal_height_mm: Vec::new(),
+            image_height_mm: Vec::new(),
+            relative_illumination: Vec::new(),
+            planar: Some(PlanarBand { map, psfs }),
+            ..self
         }
-        if self.relative_illumination.len() != m {
-            let n = self.relative_illumination.len();
-            return bad("relative_illumination", format!("has {n} field points, expected {m}"));
-        }
-        all("relative_illumination", bounds::RELATIVE_ILLUMINATION, &self.relative_illumination)?;
-        let k = self.psf_height_mm.len();
-        one("psf_height", bounds::PSF_HEIGHTS, k as f64)?;
-        if let Err(problem) = ascending_from_zero(&self.psf_height_mm) {
-            return bad("psf_height", problem);
-        }
-        all("psf_height", bounds::HEIGHT_MM, &self.psf_height_mm)?;
-        if self.azimuth_count.len() != k || self.psf_energy.len() != k {
-            return bad("azimuth_count", format!("or psf_energy does not have {k} heights"));
-        }
-        if self.azimuth_count[0] != 1 {
-            return bad("azimuth_count", format!("is {} on the axis, expected 1", self.azimuth_count[0]));
-        }
-        if let Some(i) =
-            (1..k).find(|&i| self.azimuth_count[i] == 0 || !self.azimuth_count[i].is_multiple_of(4))
-        {
-            let j = self.azimuth_count[i];
-            return bad("azimuth_count", format!("is {j} at height {i}, expected a multiple of 4"));
-        }
-        for &j in &self.azimuth_count {
-            one("azimuth_count", bounds::AZIMUTHS, j as f64)?;
-        }
-        if self.psf_size.is_multiple_of(2) {
-            return bad("psf", format!("has a window of {} samples, expected an odd number", self.psf_size));
-        }
-        one("psf", bounds::PSF_SIDE, self.psf_size as f64)?;
-        one("psf_pitch", bounds::PITCH_UM, self.psf_pitch_um)?;
-        all("psf_energy", bounds::PSF_ENERGY, &self.psf_energy)?;
-        one("solid_angle", bounds::SOLID_ANGLE_SR, self.solid_angle_sr)?;
-        one("transmission", bounds::TRANSMISSION, self.transmission)?;
-        self.tail.as_ref().map_or(Ok(()), |tail| tail.check(self.wavelength_nm))
+    }
+
+    /// Whether its tables are over image height: those of a lens with rotational symmetry.
+    pub fn is_symmetric(&self) -> bool {
+        self.planar.is_none()
+    }
+
+    /// Bytes of its tables without those of PSF heights.
+    pub fn table_bytes(&self) -> usize {
+        let field_points =
+            self.planar.as_ref().map_or(self.ideal_height_mm.len(), |p| p.map.ideal_x_mm.len());
+        3 * size_of::<f64>() * field_points
+    }
+
+    /// PSFs of the band: rows of its [`PsfStack`].
+    pub fn psf_count(&self) -> usize {
+        self.planar.as_ref().map_or(self.psf_height_mm.len(), |planar| planar.psfs.count())
     }
 }
 
@@ -335,20 +327,4 @@ impl LensBand {
 pub fn linear(xs: &[f64], ys: &[f64], at: f64) -> f64 {
     let i = xs.partition_point(|&x| x <= at).clamp(1, xs.len() - 1);
     ys[i - 1] + (at - xs[i - 1]) / (xs[i] - xs[i - 1]) * (ys[i] - ys[i - 1])
-}
-
-fn ascending_from_zero(table: &[f64]) -> Result<(), String> {
-    if table[0] != 0.0 {
-        return Err(format!("starts at {} mm, expected 0", table[0]));
-    }
-    match table.windows(2).position(|w| !(w[1] > w[0] && w[1].is_finite())) {
-        None => Ok(()),
-        Some(i) => Err(format!(
-            "does not ascend: {} mm at index {}, {} mm at index {}",
-            table[i],
-            i,
-            table[i + 1],
-            i + 1
-        )),
-    }
 }

@@ -1,7 +1,8 @@
 //! Options of all bands of a job.
 
 use crate::geometry::Frame;
-use crate::lens::{LensError, PsfSample};
+use crate::lens::planar::PsfPlaces;
+use crate::lens::{LensBand, LensError, PsfSample};
 use crate::psf::blocks::Blocks;
 use crate::psf::grid::NodeGrid;
 use crate::psf::kernel::film_window;
@@ -63,8 +64,50 @@ pub(crate) struct PsfTables<'a> {
     pub(crate) size: usize,
     pub(crate) pitch_um: f64,
     pub(crate) sample: PsfSample,
-    pub(crate) height_mm: &'a [f64],
-    pub(crate) azimuth_count: &'a [usize],
+    pub(crate) nodes: PsfNodes<'a>,
+}
+
+/// Places of the PSF nodes of a band on the film.
+#[derive(Clone, Copy)]
+pub(crate) enum PsfNodes<'a> {
+    /// REAL heights, azimuths J_k, and the number A_k of PSFs of each height.
+    Polar { height_mm: &'a [f64], azimuth_count: &'a [usize], azimuth_samples: &'a [usize] },
+    /// Columns and rows, mm from the axis.
+    Cartesian { x_mm: &'a [f64], y_mm: &'a [f64] },
+}
+
+impl<'a> PsfNodes<'a> {
+    /// Those of `band`.
+    pub(crate) fn of(band: &'a LensBand) -> Self {
+        let (height_mm, azimuth_count) = (&band.psf_height_mm[..], &band.azimuth_count[..]);
+        match band.planar.as_ref().map(|planar| &planar.psfs) {
+            None => Self::symmetric(height_mm, azimuth_count),
+            Some(PsfPlaces::Polar { azimuth_samples }) => {
+                Self::Polar { height_mm, azimuth_count, azimuth_samples }
+            }
+            Some(PsfPlaces::Cartesian { x_mm, y_mm }) => Self::Cartesian { x_mm, y_mm },
+        }
+    }
+
+    /// Those of a lens with rotational symmetry: one PSF a height.
+    pub(crate) fn symmetric(height_mm: &'a [f64], azimuth_count: &'a [usize]) -> Self {
+        Self::Polar { height_mm, azimuth_count, azimuth_samples: &[] }
+    }
+
+    /// The grid on a film of `pitch_mm`; `azimuths` in place of those of the heights.
+    fn grid(self, pitch_mm: f64, azimuths: Option<usize>) -> NodeGrid {
+        match self {
+            Self::Polar { height_mm, azimuth_count, azimuth_samples } => {
+                let given = |j| azimuth_count.iter().map(|&count| if count == 1 { 1 } else { j }).collect();
+                let azimuths: Vec<usize> = azimuths.map_or_else(|| azimuth_count.to_vec(), given);
+                match azimuth_samples {
+                    [] => NodeGrid::new(height_mm, &azimuths, pitch_mm),
+                    samples => NodeGrid::polar(height_mm, &azimuths, samples, pitch_mm),
+                }
+            }
+            Self::Cartesian { x_mm, y_mm } => NodeGrid::cartesian(x_mm, y_mm, pitch_mm),
+        }
+    }
 }
 
 impl Options {
@@ -90,11 +133,7 @@ impl Options {
                 ),
             });
         }
-        let azimuths: Vec<usize> = match self.azimuths {
-            Some(j) => tables.azimuth_count.iter().map(|&count| if count == 1 { 1 } else { j }).collect(),
-            None => tables.azimuth_count.to_vec(),
-        };
-        let grid = NodeGrid::new(tables.height_mm, &azimuths, frame.pitch_mm());
+        let grid = tables.nodes.grid(frame.pitch_mm(), self.azimuths);
         let blocks = Blocks::choose(window, &grid);
         Ok((grid, blocks))
     }

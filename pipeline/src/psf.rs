@@ -4,12 +4,12 @@
 //! film[v, u] = Σ_{y, x} remapped[y, x] · P(r, θ)[v − y, u − x]
 //! ```
 //! with (r, θ) the REAL image height and azimuth of pixel (y, x) and P of sum 1 over its window of film pixels. Between the nodes
-//! of a polar grid ([`grid`]) P is interpolated linearly, P(r, θ) = Σ_node w_node(r, θ)·P_node, so the sum is, without further
-//! approximation, a sum of convolutions:
+//! of a polar grid, or of a Cartesian one ([`grid`]), P is interpolated linearly, P(r, θ) = Σ_node w_node(r, θ)·P_node, so the sum is,
+//! without further approximation, a sum of convolutions:
 //! ```text
 //! film = Σ_node (w_node · remapped) ∗ P_node
 //! ```
-//! Per block ([`blocks`]) and node that touches it: pixels × weight ([`polar`]), forward FFT, product with the spectrum of the node's
+//! Per block ([`blocks`]) and node that touches it: pixels × weight ([`polar`], coordinates of the pixels), forward FFT, product with the spectrum of the node's
 //! kernel ([`kernel`], [`spectra`]), accumulate; per block one inverse FFT, overlap-add. [`portable`] does this with library
 //! transforms, the SIMD engines with transforms of their own; the plain sum is in `tests/oracle`.
 //! The remapped image extends half a window beyond the film on every side, so the film is exact up to its border.
@@ -29,7 +29,6 @@ pub mod polar;
 pub mod portable;
 pub(crate) mod simd;
 pub mod spectra;
-pub(crate) mod spline;
 
 pub use block_view::{BlockView, Spectra};
 
@@ -39,8 +38,8 @@ use crate::simd::Simd;
 use blocks::Blocks;
 use engine::{Engine, EngineScratch};
 use grid::{Node, NodeGrid};
-use kernel::on_demand::KernelsOnDemand;
-use kernel::{KernelScratch, KernelSymmetry, NodeKernels};
+use kernel::on_demand::{KernelsOnDemand, PsfReadError};
+use kernel::{BaseGroup, KernelScratch, KernelSymmetry, NodeKernels};
 use polar::BlockPlace;
 use spectra::SpectrumCache;
 use std::cell::Cell;
@@ -58,6 +57,8 @@ pub struct BandPsf {
     engine: Option<Engine>,
     builders: Builders,
 }
+
+const NOT_IN_MEMORY: &str = "kernels that are read on demand are used by this stage alone";
 
 /// Where a stage's kernels come from.
 #[derive(Debug)]
@@ -114,6 +115,11 @@ impl BandPsf {
         Self::with_kernels((band, 0), grid, kernels, blocks, (simd, Builders::default()))
     }
 
+    /// The stage of band `band` of the job, whose PSFs are read when they are needed.
+    pub fn on_demand(band: usize, grid: NodeGrid, kernels: KernelsOnDemand, simd: Simd) -> Self {
+        Self::of_depth_node((band, 0), grid, kernels, simd, &Builders::default())
+    }
+
     /// The stage of a depth node of band `band`, with node ids from `first_id` on: the stages of its depth nodes have spectra of their own.
     pub(crate) fn of_depth_node(
         (band, first_id): (usize, usize),
@@ -151,11 +157,11 @@ impl BandPsf {
     /// The kernels of a stage of [`BandPsf::new`].
     ///
     /// # Panics
-    /// The stage is that of a depth node, whose PSFs are read on demand.
+    /// The PSFs of the stage are read on demand.
     pub fn kernels(&self) -> &NodeKernels {
         match &self.kernels {
             Kernels::InMemory(kernels) => kernels,
-            Kernels::OnDemand(_) => unreachable!("stages of depth nodes are used by the depth stage only"),
+            Kernels::OnDemand(_) => unreachable!("{NOT_IN_MEMORY}"),
         }
     }
 
@@ -163,8 +169,24 @@ impl BandPsf {
     pub(crate) fn shared_kernels(&self) -> Arc<NodeKernels> {
         match &self.kernels {
             Kernels::InMemory(kernels) => Arc::clone(kernels),
-            Kernels::OnDemand(_) => unreachable!("stages of depth nodes are used by the depth stage only"),
+            Kernels::OnDemand(_) => unreachable!("{NOT_IN_MEMORY}"),
         }
+    }
+
+    /// Fails if a PSF that was read on demand could not be read; what was computed since is then not valid.
+    ///
+    /// # Errors
+    /// The first error of the reader.
+    pub(crate) fn check_read(&self) -> Result<(), PsfReadError> {
+        match &self.kernels {
+            Kernels::InMemory(_) => Ok(()),
+            Kernels::OnDemand(kernels) => kernels.check_read(),
+        }
+    }
+
+    /// Whether its kernels are in memory.
+    pub fn is_in_memory(&self) -> bool {
+        matches!(self.kernels, Kernels::InMemory(_))
     }
 
     /// Half the window, film pixels: the distance over which a pixel contributes.
@@ -253,11 +275,13 @@ impl BandPsf {
         cache.get((self.band, self.first_id + self.grid.id(node)), bytes, |buffer| {
             self.builders.with(&self.blocks, engine, |kernel, scratch, of_engine| {
                 let symmetry = self.symmetry_of(node, cache, scratch);
-                let key = (self.band, self.first_id + self.grid.id(symmetry.base));
-                let base = cache.base_kernel(key, size_of_val(&kernel[..]), |buffer| {
-                    self.base_kernel(symmetry.base, cache, buffer, scratch)
+                let group = BaseGroup::of(&self.grid, symmetry.base);
+                let key = (self.band, self.first_id + self.grid.id(group.first));
+                let kernels = cache.base_kernel(key, group.count * size_of_val(&kernel[..]), |buffer| {
+                    self.base_kernels(&group, cache, buffer, scratch)
                 });
-                symmetry.expand(&base, self.blocks.window, kernel);
+                let base = &kernels[(symmetry.base.j - group.first.j) * kernel.len()..][..kernel.len()];
+                symmetry.expand(base, self.blocks.window, kernel);
                 engine.spectrum(kernel, of_engine, buffer)
             })
         })
@@ -269,42 +293,43 @@ impl BandPsf {
         match &self.kernels {
             Kernels::InMemory(kernels) => kernels.symmetry_of(&self.grid, node),
             Kernels::OnDemand(kernels) => kernels.symmetry_of(&self.grid, node, || {
-                self.psf(kernels, node.k, cache, s);
+                self.psfs(kernels, node, cache, s);
             }),
         }
     }
 
-    /// The base kernel of the node `base` in `buffer`.
-    fn base_kernel(
+    /// The base kernels of `group` in `buffer`.
+    fn base_kernels(
         &self,
-        base: Node,
+        group: &BaseGroup,
         cache: &SpectrumCache,
         mut buffer: AlignedBuf,
         s: &mut KernelScratch,
     ) -> AlignedBuf {
-        buffer.reset(self.blocks.window * self.blocks.window);
+        buffer.reset(group.count * self.blocks.window * self.blocks.window);
         match &self.kernels {
-            Kernels::InMemory(kernels) => {
-                buffer.copy_from_slice(kernels.base_kernel(&self.grid, base, s));
-            }
+            Kernels::InMemory(kernels) => kernels.base_kernels(&self.grid, group, s, &mut buffer),
             Kernels::OnDemand(kernels) => {
-                let psf = self.psf(kernels, base.k, cache, s);
-                buffer.copy_from_slice(kernels.base_kernel(&self.grid, base, &psf, s));
+                let psfs = self.psfs(kernels, group.first, cache, s);
+                kernels.base_kernels(&self.grid, group, &psfs, s, &mut buffer);
             }
         }
         buffer
     }
 
-    /// The prepared PSF of height `k`.
-    fn psf(
+    /// The prepared PSFs of the set of `node`.
+    fn psfs(
         &self,
         kernels: &KernelsOnDemand,
-        k: usize,
+        node: Node,
         cache: &SpectrumCache,
         s: &mut KernelScratch,
     ) -> Arc<AlignedBuf> {
-        let key = (self.band, self.first_id + self.grid.id(Node { k, j: 0 }));
-        cache.psf(key, kernels.psf_bytes(), |buffer| kernels.prepare(k, buffer, s))
+        let set = self.grid.psf_set(node);
+        let bytes = kernels.psf_bytes(self.grid.psf_rows(set).len());
+        cache.psf((self.band, self.first_id + set), bytes, |buffer| {
+            kernels.prepare(&self.grid, set, buffer, s)
+        })
     }
 }
 

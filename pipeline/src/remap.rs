@@ -4,7 +4,8 @@
 //! remapped(X, Y) = R(r) · chart_ideal((X, Y)·h(r)/r)
 //! ```
 //! for the film pixel at (X, Y) mm from the axis, r = hypot(X, Y) its REAL image height; R and h from [`crate::field`]. The chart lies on
-//! the IDEAL image plane: chart pixel = middle of the chart + ((X, Y)·h/r − center)/(pitch·scale). This is a gather that resamples
+//! the IDEAL image plane: chart pixel = middle of the chart + ((X, Y)·h/r − center)/(pitch·scale). For a lens without rotational symmetry the ideal point and R are functions
+//! of (X, Y) ([`crate::field::planar`]) in place of (X, Y)·h/r and R(r). This is a gather that resamples
 //! values (no Jacobian), so a uniform chart of value 1 gives exactly R. Chart coordinates are f64, split into an integer and
 //! an f32 fraction ([`crate::resample`]), so pixel values do not depend on the partition of the film.
 //!
@@ -15,6 +16,7 @@
 
 #[cfg(target_arch = "x86_64")]
 mod anchors;
+mod chart_map;
 pub mod cuda;
 #[cfg(target_arch = "x86_64")]
 mod extent;
@@ -24,10 +26,12 @@ mod knots;
 mod lanes;
 pub(crate) mod map;
 pub mod memory;
+mod planar;
 mod reach;
 pub(crate) mod surround;
 
 use crate::buffer::resize_exact;
+use crate::field::planar::{FilmRow, PlanarField};
 use crate::field::{Field, Outside};
 use crate::flow::{ChartSource, SourceSinkError};
 use crate::geometry::{Frame, Rect, Size};
@@ -41,11 +45,17 @@ use crate::simd::{Avx2, Avx512, Isa};
 use crate::stage::{Stage, Stages};
 #[cfg(target_arch = "x86_64")]
 use anchors::Anchors;
+use chart_map::ChartMap;
 #[cfg(target_arch = "x86_64")]
 use knots::Knots;
 #[cfg(target_arch = "x86_64")]
-use lanes::{Chart, FillAnchors, Resample};
+use lanes::{Chart, Expand, FillAnchors, RadialAnchors, Resample};
 use map::{Map, Points, min_max};
+use planar::PlanarChartMap;
+#[cfg(target_arch = "x86_64")]
+use planar::anchors::PlanarAnchors;
+#[cfg(target_arch = "x86_64")]
+use planar::lanes::FillPlanarAnchors;
 use surround::read_with_surround;
 
 /// How the chart is interpolated and extended.
@@ -77,11 +87,22 @@ impl ChartInterpolation {
 #[derive(Debug)]
 pub struct Remap {
     frame: Frame,
-    field: Field,
-    #[cfg(target_arch = "x86_64")]
-    knots: Knots,
+    band_map: BandMap,
     interpolation: ChartInterpolation,
     simd: Simd,
+}
+
+/// Tables of the map of a band.
+#[derive(Debug)]
+enum BandMap {
+    /// With rotational symmetry.
+    Radial {
+        field: Field,
+        #[cfg(target_arch = "x86_64")]
+        knots: Knots,
+    },
+    /// Without.
+    Planar(PlanarField),
 }
 
 /// Buffers of one worker.
@@ -90,12 +111,15 @@ pub struct RemapScratch {
     points: Points,
     #[cfg(target_arch = "x86_64")]
     anchors: Anchors,
-    gain: Vec<f32>,
+    #[cfg(target_arch = "x86_64")]
+    planar_anchors: PlanarAnchors,
+    /// Cubics along a film row.
+    film_row: FilmRow,
     source: Vec<f32>,
     /// Chart pixels without surround.
     inside: Vec<f32>,
-    /// Chart coordinates of the pixels of a part.
-    places: Vec<(f64, f64)>,
+    /// Chart coordinates and gain of the pixels of a part.
+    places: Vec<(f64, f64, f64)>,
     wy: Vec<f32>,
     wx: Vec<f32>,
 }
@@ -128,15 +152,25 @@ impl Remap {
         gain: f64,
         simd: Simd,
     ) -> Self {
-        let field =
-            Field::new(band, frame.pitch_mm(), stages.has(Stage::Distortion), stages.has(Stage::Ri), gain);
-        Self {
-            frame: *frame,
+        let (distortion, illumination) = (stages.has(Stage::Distortion), stages.has(Stage::Ri));
+        if let Some(planar) = &band.planar {
+            let field = PlanarField::new(&planar.map, frame.pitch_mm(), distortion, illumination, gain);
+            return Self { frame: *frame, band_map: BandMap::Planar(field), interpolation, simd };
+        }
+        let field = Field::new(band, frame.pitch_mm(), distortion, illumination, gain);
+        let band_map = BandMap::Radial {
             #[cfg(target_arch = "x86_64")]
             knots: Knots::new(&field),
             field,
-            interpolation,
-            simd,
+        };
+        Self { frame: *frame, band_map, interpolation, simd }
+    }
+
+    /// The map of the band.
+    fn map(&self) -> ChartMap<'_> {
+        match &self.band_map {
+            BandMap::Radial { field, .. } => ChartMap::Radial(Map::new(&self.frame, field)),
+            BandMap::Planar(field) => ChartMap::Planar(PlanarChartMap::new(&self.frame, field)),
         }
     }
 
@@ -174,7 +208,7 @@ impl Remap {
     /// Approximate chart rectangle of the film rectangle `rect`, clipped to a chart of `size`: a hint for prefetching, from the corners
     /// of `rect` and the middles of its sides.
     pub fn approx_chart_rect(&self, size: Size, rect: Rect) -> Rect {
-        let map = Map::new(&self.frame, &self.field);
+        let map = self.map();
         let (mut rows, mut cols) = ((f64::MAX, f64::MIN), (f64::MAX, f64::MIN));
         let three = |first: i64, n: usize| [first, first + n as i64 / 2, first + n as i64 - 1];
         for y in three(rect.y, rect.height) {
@@ -206,20 +240,48 @@ impl Remap {
         part: Part<'_>,
         s: &mut RemapScratch,
     ) -> Result<(), SourceSinkError> {
-        let (map, knots, dispatch) =
-            (Map::new(&self.frame, &self.field), &self.knots, Dispatch::<V>::new(self.simd));
-        let Part { rect, out, stride, .. } = part;
-        dispatch.run(FillAnchors { map, knots, rect, to: &mut s.anchors });
-        let (chart_rect, first) = self.interpolation.chart_rect(s.anchors.cells);
+        let (dispatch, rect) = (Dispatch::<V>::new(self.simd), part.rect);
+        match &self.band_map {
+            BandMap::Radial { field, knots } => {
+                let map = Map::new(&self.frame, field);
+                let mut anchors = std::mem::take(&mut s.anchors);
+                dispatch.run(FillAnchors { map, knots, rect, to: &mut anchors });
+                let expand = RadialAnchors { map, knots, anchors: &anchors, y: rect.y };
+                let done = self.resample(dispatch, expand, anchors.cells, part, s);
+                s.anchors = anchors;
+                done
+            }
+            BandMap::Planar(field) => {
+                let map = PlanarChartMap::new(&self.frame, field);
+                let mut anchors = std::mem::take(&mut s.planar_anchors);
+                dispatch.run(FillPlanarAnchors { map, rect, film_row: &mut s.film_row, to: &mut anchors });
+                let done = self.resample(dispatch, &anchors, anchors.cells, part, s);
+                s.planar_anchors = anchors;
+                done
+            }
+        }
+    }
+
+    /// Interpolates the chart at the pixels of `part`, which lie in the chart's `cells` (minimum, maximum of rows and columns).
+    #[cfg(target_arch = "x86_64")]
+    fn resample<V: Lanes>(
+        &self,
+        dispatch: Dispatch<V>,
+        anchors: impl Expand,
+        cells: ((i64, i64), (i64, i64)),
+        part: Part<'_>,
+        s: &mut RemapScratch,
+    ) -> Result<(), SourceSinkError> {
+        let (chart_rect, first) = self.interpolation.chart_rect(cells);
         self.fetch(part.chart, part.band, chart_rect, s)?;
         let chart = Chart { source: &s.source, width: chart_rect.width, first };
-        let interp = self.interpolation.interp;
-        dispatch.run(Resample { map, knots, anchors: &s.anchors, chart, interp, rect, out, stride });
+        let Part { rect, out, stride, .. } = part;
+        dispatch.run(Resample { anchors, chart, interp: self.interpolation.interp, rect, out, stride });
         Ok(())
     }
 
     fn interpolate_portable(&self, part: Part<'_>, s: &mut RemapScratch) -> Result<(), SourceSinkError> {
-        Map::new(&self.frame, &self.field).fill(part.rect, &mut s.points);
+        self.map().fill(part.rect, &mut s.points, &mut s.film_row);
         let (chart_rect, first) =
             self.interpolation.chart_rect((min_max(&s.points.row), min_max(&s.points.col)));
         self.fetch(part.chart, part.band, chart_rect, s)?;
@@ -244,15 +306,12 @@ impl Remap {
         let Part { rect, out, stride, .. } = part;
         let n = rect.size().pixels();
         let (by, bx) = ((1.0 / self.frame.scale.0).max(1.0), (1.0 / self.frame.scale.1).max(1.0));
-        s.places.resize(n, (0.0, 0.0));
-        s.gain.resize(n, 0.0);
+        s.places.resize(n, (0.0, 0.0, 0.0));
         let (mut y, mut x) = ((i64::MAX, i64::MIN), (i64::MAX, i64::MIN));
-        let map = Map::new(&self.frame, &self.field);
-        let lines = s.places.chunks_exact_mut(rect.width).zip(s.gain.chunks_exact_mut(rect.width));
-        for (y_film, (at, gain)) in (rect.y..).zip(lines) {
-            for ((x_film, at), gain) in (rect.x..).zip(at).zip(gain) {
-                let (row, col, r) = map.at(y_film, x_film);
-                (*at, *gain) = ((row, col), r as f32);
+        let map = self.map();
+        for (y_film, line) in (rect.y..).zip(s.places.chunks_exact_mut(rect.width)) {
+            map.fill_line(y_film, rect.x, line, &mut s.film_row);
+            for &(row, col, _) in line.iter() {
                 let ((y0, h), (x0, w)) = (box_span(row, by), box_span(col, bx));
                 y = (y.0.min(y0), y.1.max(y0 + h as i64));
                 x = (x.0.min(x0), x.1.max(x0 + w as i64));
@@ -262,8 +321,7 @@ impl Remap {
         self.fetch(part.chart, part.band, chart_rect, s)?;
         for (row, to) in out.chunks_mut(stride).take(rect.height).enumerate() {
             for (col, to) in to[..rect.width].iter_mut().enumerate() {
-                let i = row * rect.width + col;
-                let (row_at, col_at) = s.places[i];
+                let (row_at, col_at, gain) = s.places[row * rect.width + col];
                 let ((y0, h), (x0, w)) = (box_span(row_at, by), box_span(col_at, bx));
                 box_weights(row_at, by, y0, &mut s.wy, h);
                 box_weights(col_at, bx, x0, &mut s.wx, w);
@@ -274,7 +332,7 @@ impl Remap {
                     let line: f64 = s.wx.iter().zip(from).map(|(w, v)| f64::from(*w) * f64::from(*v)).sum();
                     sum += f64::from(*wy) * line;
                 }
-                *to = sum as f32 * s.gain[i];
+                *to = sum as f32 * gain as f32;
             }
         }
         Ok(())

@@ -84,10 +84,15 @@ impl Compute for StageCompute<'_> {
         remapped.resize(tile.size().pixels(), 0.0);
         clock.of(Phase::Remap).time(|| band.remap.apply(chart, chart_band, tile, remapped, remap))?;
         clock.of(Phase::Svpsf).time(|| match &band.psf {
-            Some(stage) => stage.scatter(&self.frame, tile, remapped, &self.spectra, out, psf),
-            None => out.copy(remapped, tile.width),
-        });
-        Ok(())
+            Some(stage) => {
+                stage.scatter(&self.frame, tile, remapped, &self.spectra, out, psf);
+                stage.check_read()
+            }
+            None => {
+                out.copy(remapped, tile.width);
+                Ok(())
+            }
+        })
     }
 
     fn finish(&self, band: &BandStages, rect: Rect, pixels: &mut ShardPixels) {

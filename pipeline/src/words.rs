@@ -4,7 +4,7 @@
 const MAX_LETTERS: usize = 64;
 
 /// Levenshtein distance: the minimum number of letters to insert, delete or replace.
-pub(crate) fn edit_distance(a: &str, b: &str) -> usize {
+pub fn edit_distance(a: &str, b: &str) -> usize {
     let first = |text: &str| text.chars().take(MAX_LETTERS).collect::<String>();
     strsim::levenshtein(&first(a), &first(b))
 }

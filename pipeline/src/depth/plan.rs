@@ -11,7 +11,7 @@ use crate::field::Field;
 use crate::geometry::{Frame, Rect, Size};
 use crate::lens::depth::BandDepth;
 use crate::lens::{Lens, LensBand, LensError, PsfSample};
-use crate::options::{Options, PsfTables};
+use crate::options::{Options, PsfNodes, PsfTables};
 use crate::psf::blocks::Blocks;
 use crate::psf::grid::NodeGrid;
 use crate::psf::kernel::on_demand::{KernelsOnDemand, PsfReader, PsfSource};
@@ -172,8 +172,7 @@ impl DepthPlan {
                 size: node.psf_size,
                 pitch_um: node.psf_pitch_um,
                 sample,
-                height_mm: &node.psf_height_mm,
-                azimuth_count: &node.azimuth_count,
+                nodes: PsfNodes::symmetric(&node.psf_height_mm, &node.azimuth_count),
             };
             let (grid, blocks) = Options { psf_window, ..*options }.partition(frame, &psfs)?;
             let last_height_mm = node.psf_height_mm[node.psf_height_mm.len() - 1];

@@ -1,6 +1,6 @@
 //! Interpolation between bins: the weights of four coefficients.
 
-use crate::psf::spline;
+use crate::spline;
 
 /// An interpolation with four taps.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]

@@ -98,6 +98,7 @@ impl BandDepth {
                 .collect(),
             // Tails are those of one object distance.
             tail: None,
+            planar: None,
             ..band.clone()
         };
         self.set_psfs(&mut tables, low);

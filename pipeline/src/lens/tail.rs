@@ -135,7 +135,7 @@ impl BandTail {
             let found = self.coefficients.len();
             return bad("tail/height", format!("has {heights} heights and {found} rows of coefficients"));
         }
-        if let Err(problem) = super::ascending_from_zero(&self.height_mm) {
+        if let Err(problem) = super::check::ascending_from_zero(&self.height_mm) {
             return bad("tail/height", problem);
         }
         if let Err((i, e)) = bounds::HEIGHT_MM.check_all(&self.height_mm) {

@@ -3,7 +3,7 @@
 //! Functions of the window n and the node grid only, never of memory, threads or timing, so the film has the same bits however it
 //! is computed.
 
-use crate::psf::grid::NodeGrid;
+use crate::psf::grid::{NodeGrid, PolarNodes, Positions};
 
 /// FFT sizes, multiples of 32 (16 columns per register, halves of the right-angle transform) with factors 2, 3 and 5, and the cost of
 /// one transformed pixel in ns: per node (weight, forward, multiply, accumulate) for a block that fills the transform, and per block
@@ -53,7 +53,7 @@ pub struct Blocks {
 
 impl Blocks {
     /// The partition of least cost for kernels of `window` pixels, at most [`Blocks::widest_window`], on `grid`, averaged over the disc
-    /// of the grid's heights. A window of 1 needs no transform and has F = 0.
+    /// of the grid's heights, or its rectangle. A window of 1 needs no transform and has F = 0.
     pub fn choose(window: usize, grid: &NodeGrid) -> Self {
         if window == 1 {
             return Self { window, fft: 0, block: TILE_SIDE, tile: TILE_SIDE };
@@ -66,7 +66,7 @@ impl Blocks {
         Self { window, fft, block, tile: block * (TILE_SIDE / block).max(1) }
     }
 
-    /// Mean cost of a remapped pixel on one core over the disc of `grid`'s heights, ns, spectra included.
+    /// Mean cost of a remapped pixel on one core over the disc of `grid`'s heights, or its rectangle, ns, spectra included.
     pub fn cost_ns(&self, grid: &NodeGrid) -> f64 {
         // A window of 1 is a copy: negligible beside the other stages.
         FFT_SIDES
@@ -88,23 +88,38 @@ impl Blocks {
 
 /// Cost of a remapped pixel with the FFT size and costs `side`, ns.
 fn cost_ns(window: usize, grid: &NodeGrid, &(fft, node, once): &(usize, f64, f64)) -> f64 {
-    let heights = grid.heights_px();
-    let density = grid.len() as f64 / (std::f64::consts::PI * heights[heights.len() - 1].powi(2));
+    let density = match grid {
+        NodeGrid::Polar(nodes) => {
+            let heights = nodes.heights_px();
+            grid.len() as f64 / (std::f64::consts::PI * heights[heights.len() - 1].powi(2))
+        }
+        NodeGrid::Cartesian(nodes) => 1.0 / (nodes.x().step_px() * nodes.y().step_px()),
+    };
     let (block, area) = ((fft - window + 1) as f64, (fft * fft) as f64);
     let weighed = node * (1.0 - ALONG_Y + ALONG_Y * block / fft as f64);
     let scattering = (mean_nodes(grid, block) * weighed + once) * area / (block * block);
     scattering + density * SPECTRUM * node * area
 }
 
-/// Mean number of nodes whose weight is above 0 in a square of `side` px, averaged over the disc by area with eight rings per height
-/// step: an interval of length s meets s/d + 2 nodes of spacing d; s = 1.27 side is the mean width of a square over all directions.
+/// Mean number of nodes whose weight is above 0 in a square of `side` px: an interval of length s meets s/d + 2 nodes of spacing d.
 fn mean_nodes(grid: &NodeGrid, side: f64) -> f64 {
-    let heights = grid.heights_px();
+    match grid {
+        NodeGrid::Polar(nodes) => mean_polar_nodes(nodes, side),
+        NodeGrid::Cartesian(nodes) => {
+            let along = |nodes: &Positions| (side / nodes.step_px() + 2.0).min(nodes.count() as f64);
+            along(nodes.x()) * along(nodes.y())
+        }
+    }
+}
+
+/// The mean over the disc by area with eight rings per height step; s = 1.27 side is the mean width of a square over all directions.
+fn mean_polar_nodes(nodes: &PolarNodes, side: f64) -> f64 {
+    let heights = nodes.heights_px();
     let width = 1.27 * side;
     let (mut sum, mut area) = (0.0, 0.0);
     for k in 1..heights.len() {
         let step = heights[k] - heights[k - 1];
-        let count = grid.azimuths()[k] as f64;
+        let count = nodes.azimuths()[k] as f64;
         for i in 0..8 {
             let r = heights[k - 1] + step * (f64::from(i) + 0.5) / 8.0;
             let radial = (width / step + 2.0).min(heights.len() as f64);

@@ -5,6 +5,9 @@
 //! ```text
 //! P_kj(x, y) = P_k(x cos θ + y sin θ, −x sin θ + y cos θ)
 //! ```
+//! Of a lens with errors the stack holds A_k PSFs a height, each of the field point at azimuth φ_a as seen in the frame that is rotated by φ_a
+//! about the film's centre: its +x points away from the axis. P_k is then Q_k(θ_j), interpolated in azimuth (`azimuth`). PSFs of a
+//! Cartesian grid are those of the nodes, not rotated.
 //! interpolated by a cubic B-spline (`rotation`), integrated over film pixels (`integration`) and normalised to sum 1. A stack of
 //! integrated samples at film pitch is not integrated again, and its kernels at quarter turns are its samples.
 //! One *base kernel* expands to four or eight kernels by exact permutations (`symmetry`). Base kernels are computed in f64, or in
@@ -12,6 +15,7 @@
 //! Not modelled: light that rotation moves beyond the square film window (removed by the normalisation) and, for integrated samples
 //! between quarter turns, the rotation of the sample's own square ([`NodeKernels::rotation_error`] estimates it).
 
+mod azimuth;
 mod integration;
 pub mod on_demand;
 mod resampler;
@@ -20,6 +24,7 @@ mod rotation;
 mod simd;
 mod symmetry;
 
+pub(super) use azimuth::BaseGroup;
 pub(super) use rotation::NEGLIGIBLE_SAMPLE;
 pub use symmetry::KernelSymmetry;
 
@@ -28,26 +33,27 @@ use crate::lens::{PsfSample, PsfStack};
 use crate::psf::grid::{Node, NodeGrid};
 use crate::simd::Simd;
 use integration::PixelWeights;
-use resampler::{Prepared, Resampler};
+use resampler::{Prepared, PreparedPsf, Resampler};
 use rotation::rotation_error;
 use std::sync::{Mutex, OnceLock};
-use symmetry::{MIRROR_TOLERANCE, asymmetry};
+use symmetry::{MIRROR_TOLERANCE, asymmetry, base_rotation_rad};
 
 /// Kernels of one band at the film's pitch. A PSF is prepared when a kernel of its height is first computed.
 #[derive(Debug)]
 pub struct NodeKernels {
     resampler: Resampler,
-    heights: Vec<Height>,
+    /// The rows of the stack ([`NodeGrid::psf_rows`]).
+    psfs: Vec<Psf>,
     energy: Vec<f64>,
     /// Whether all PSFs are symmetric about the meridian.
     mirrored: bool,
-    /// Sum of the kernels of each height; 1 if none.
+    /// Sum of the kernels of each row of the stack; 1 if none.
     shares: Option<Vec<f64>>,
 }
 
-/// The PSF of a height.
+/// A PSF of the stack.
 #[derive(Debug)]
-struct Height {
+struct Psf {
     /// Its samples until it is prepared, then empty.
     window: Mutex<Vec<f32>>,
     prepared: OnceLock<Prepared>,
@@ -60,6 +66,9 @@ pub struct KernelScratch {
     half: Vec<f64>,
     film: Vec<f64>,
     base: Vec<f32>,
+    kernel: Vec<f32>,
+    /// Spline coefficients of PSFs between azimuths.
+    interpolated: Vec<f32>,
     #[cfg(target_arch = "x86_64")]
     simd: simd::Buffers,
 }
@@ -81,8 +90,8 @@ impl NodeKernels {
             resampler,
             energy: windows().zip(&light).map(energy).collect(),
             mirrored: windows().zip(&light).all(|(psf, light)| is_mirrored(psf, n, *light)),
-            heights: windows()
-                .map(|window| Height { window: Mutex::new(window.to_vec()), prepared: OnceLock::new() })
+            psfs: windows()
+                .map(|window| Psf { window: Mutex::new(window.to_vec()), prepared: OnceLock::new() })
                 .collect(),
             shares: None,
         }
@@ -107,22 +116,22 @@ impl NodeKernels {
         self.resampler.size()
     }
 
-    /// Share of the stack's window (sum 1) inside the film window, per height.
+    /// Share of the stack's window (sum 1) inside the film window, per row of the stack.
     pub fn energy(&self) -> &[f64] {
         &self.energy
     }
 
-    /// The kernel of height `k` at azimuth 0.
-    pub fn unrotated(&self, k: usize, s: &mut KernelScratch) -> &[f32] {
-        &self.prepared(k, s).unrotated
+    /// The kernel of the PSF in row `row` of the stack, not rotated.
+    pub fn unrotated(&self, row: usize, s: &mut KernelScratch) -> &[f32] {
+        &self.prepared(row, s).unrotated
     }
 
-    fn prepared(&self, k: usize, s: &mut KernelScratch) -> &Prepared {
-        let Height { window, prepared } = &self.heights[k];
+    fn prepared(&self, row: usize, s: &mut KernelScratch) -> &Prepared {
+        let Psf { window, prepared } = &self.psfs[row];
         prepared.get_or_init(|| {
             let window = std::mem::take(&mut *window.lock().expect("no panic while held"));
             let mut prepared = self.resampler.prepare(&window, s);
-            self.scale(k, &mut prepared.unrotated);
+            self.scale(row, &mut prepared.unrotated);
             prepared
         })
     }
@@ -133,20 +142,41 @@ impl NodeKernels {
     }
 
     /// The kernel of the node `base` (see [`KernelSymmetry::base`]), row down.
-    pub fn base_kernel<'a>(&'a self, grid: &NodeGrid, base: Node, s: &'a mut KernelScratch) -> &'a [f32] {
-        if base.j == 0 {
-            return self.unrotated(base.k, s);
-        }
-        let coefficients = &self.prepared(base.k, s).coefficients;
-        self.resampler.rotate(coefficients, grid.azimuth_rad(base), s);
-        self.scale(base.k, &mut s.base);
-        &s.base
+    pub fn base_kernel<'a>(&self, grid: &NodeGrid, base: Node, s: &'a mut KernelScratch) -> &'a [f32] {
+        let mut kernel = std::mem::take(&mut s.kernel);
+        kernel.resize(self.size() * self.size(), 0.0);
+        self.base_kernels(grid, &BaseGroup::single(base), s, &mut kernel);
+        s.kernel = kernel;
+        &s.kernel
     }
 
-    /// Gives a kernel of height `k`, of sum 1, its share of the light.
-    fn scale(&self, k: usize, kernel: &mut [f32]) {
+    /// The kernels of `group`, one after another into `out`.
+    pub(super) fn base_kernels(
+        &self,
+        grid: &NodeGrid,
+        group: &BaseGroup,
+        s: &mut KernelScratch,
+        out: &mut [f32],
+    ) {
+        let rows = grid.psf_rows(grid.psf_set(group.first));
+        for row in rows.clone() {
+            self.prepared(row, s);
+        }
+        let psf = |a: usize| {
+            let prepared = self.psfs[rows.start + a].prepared.get().expect("prepared above");
+            PreparedPsf { coefficients: &prepared.coefficients, unrotated: &prepared.unrotated }
+        };
+        self.resampler.base_kernels(grid, group, psf, s, out);
+        // A PSF that is not rotated has its share.
+        if base_rotation_rad(grid, group.first) != 0.0 {
+            self.scale(rows.start, out);
+        }
+    }
+
+    /// Gives a kernel of the PSF in row `row`, of sum 1, its share of the light.
+    fn scale(&self, row: usize, kernel: &mut [f32]) {
         if let Some(shares) = &self.shares {
-            kernel.iter_mut().for_each(|v| *v = (f64::from(*v) * shares[k]) as f32);
+            kernel.iter_mut().for_each(|v| *v = (f64::from(*v) * shares[row]) as f32);
         }
     }
 

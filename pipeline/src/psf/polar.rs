@@ -1,4 +1,5 @@
-//! Polar coordinates of one block: r and θ of every pixel about the optical axis, relative to the block's centre, in f32.
+//! Coordinates of one block: r and θ of every pixel about the optical axis, relative to the block's centre, in f32; x and y for Cartesian
+//! grids of nodes.
 //!
 //! Far from the axis, with (a, b) the offset of a pixel along and across the ray to the block's centre at radius rc,
 //! ```text
@@ -6,7 +7,6 @@
 //! ```
 //! without cancellation and with one division. Near the axis (rc < 2.6 half sides) both are computed in f64.
 
-use crate::psf::grid::PolarExtent;
 use crate::real;
 use std::f64::consts::TAU;
 
@@ -42,6 +42,21 @@ pub struct BlockPlace {
     pub rows: usize,
     /// Columns.
     pub cols: usize,
+}
+
+/// Extent of a block of pixels in polar coordinates about the axis. Of a Cartesian grid, x stands for r and y for θ, in px.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct PolarExtent {
+    /// Radius of the block's centre, px.
+    pub r_px: f64,
+    /// Azimuth of the block's centre, rad.
+    pub azimuth_rad: f64,
+    /// Smallest and largest r of a pixel, relative to `r_px`.
+    pub r: (f32, f32),
+    /// Smallest and largest θ of a pixel, relative to `azimuth_rad`; not used if `wraps`.
+    pub theta: (f32, f32),
+    /// Whether the block is so near the axis that azimuths may wrap inside it.
+    pub wraps: bool,
 }
 
 impl BlockPlace {
@@ -91,6 +106,31 @@ impl BlockPlace {
             }
         }
         extent
+    }
+
+    /// As [`BlockPlace::polar`], with x right and y down from the axis in place of r and θ: exact.
+    pub fn cartesian(&self, stride: usize, x: &mut [f32], y: &mut [f32]) -> PolarExtent {
+        let (hy, hx) = ((self.rows as f64 - 1.0) / 2.0, (self.cols as f64 - 1.0) / 2.0);
+        for row in 0..self.rows {
+            let dy = (row as f64 - hy) as f32;
+            y[row * stride..][..self.cols].fill(dy);
+            for (col, x) in x[row * stride..][..self.cols].iter_mut().enumerate() {
+                *x = (col as f64 - hx) as f32;
+            }
+        }
+        self.cartesian_extent()
+    }
+
+    /// The extent of [`BlockPlace::cartesian`].
+    pub(crate) fn cartesian_extent(&self) -> PolarExtent {
+        let (hy, hx) = ((self.rows as f64 - 1.0) / 2.0, (self.cols as f64 - 1.0) / 2.0);
+        PolarExtent {
+            r_px: self.dx_px + hx,
+            azimuth_rad: self.dy_px + hy,
+            r: (-hx as f32, hx as f32),
+            theta: (-hy as f32, hy as f32),
+            wraps: false,
+        }
     }
 }
 

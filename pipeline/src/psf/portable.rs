@@ -119,7 +119,7 @@ impl Portable {
         s: &mut Scratch,
     ) {
         let (rows, cols) = (block.place.rows, block.place.cols);
-        let extent = block.place.polar(cols, &mut s.r, &mut s.theta);
+        let extent = grid.coordinates(&block.place, cols, &mut s.r, &mut s.theta);
         let mut nodes = std::mem::take(&mut s.nodes);
         grid.touching(&extent, &mut nodes);
         s.sum.fill(Complex32::default());

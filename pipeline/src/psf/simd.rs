@@ -1,7 +1,7 @@
 //! SVPSF with SIMD: the same sums as [`crate::psf::portable`], 16 or 8 columns per register.
 //!
 //! Per block:
-//!   1. pack it with its polar coordinates, one panel (as many columns as lanes) at a time ([`block`]);
+//!   1. pack it with its coordinates, one panel (as many columns as lanes) at a time ([`block`]);
 //!   2. per node that touches it, per panel in which the node's weight is above 0: weight → right-angle transform along y →
 //!      transpose into groups of spectral rows;
 //!   3. per group: FFT along x ([`fft`]), whose last stage multiplies by the node's spectrum and accumulates;
@@ -20,12 +20,14 @@ mod fft;
 use crate::buffer::AlignedBuf;
 use crate::psf::block_view::{BlockView, Spectra};
 use crate::psf::blocks::Blocks;
-use crate::psf::grid::{Node, NodeGrid, NodeWeight, PolarExtent};
+use crate::psf::grid::{Node, NodeGrid, NodeWeight};
+use crate::psf::polar::PolarExtent;
 use crate::real;
 use crate::simd::Simd;
 use crate::simd::lanes::{Dispatch, Lanes};
 use block::{
-    AddTo, ApplyWeight, FromGroups, KernelColumns, Pack, PanelExtent, Pixels, ToGroups, clear_columns,
+    AddTo, ApplyWeight, Coordinates, FromGroups, KernelColumns, Pack, PanelExtent, Pixels, ToGroups,
+    clear_columns,
 };
 use bytemuck::{cast_slice, cast_slice_mut};
 use complex::Complex;
@@ -140,7 +142,7 @@ impl<V: Lanes> Columns<V> {
     ) {
         let (rows, cols) = (block.place.rows, block.place.cols);
         let panels = cols.div_ceil(V::LANES);
-        let block_extent = self.pack(block, s);
+        let block_extent = self.pack(block, grid, s);
         grid.touching(&block_extent, &mut s.nodes);
         let (packed, panel, groups, sum): (&[Pixels<V>], _, _, _) = (
             cast_slice(&s.packed),
@@ -189,16 +191,25 @@ impl<V: Lanes> Columns<V> {
     }
 
     /// Packs the block; returns its extent.
-    fn pack(&self, block: &BlockView<'_>, s: &mut Scratch) -> PolarExtent {
+    fn pack(&self, block: &BlockView<'_>, grid: &NodeGrid, s: &mut Scratch) -> PolarExtent {
         let place = &block.place;
-        let (_, _, r_px, azimuth_rad, wraps) = place.centre();
         let extents = &mut s.extents[..place.cols.div_ceil(V::LANES)];
+        if let NodeGrid::Cartesian(_) = grid {
+            let (coordinates, to) = (Coordinates::Cartesian, cast_slice_mut(&mut s.packed));
+            self.dispatch.run(Pack { block, rows: self.block, to, extents, coordinates });
+            return place.cartesian_extent();
+        }
+        let (_, _, r_px, azimuth_rad, wraps) = place.centre();
         let mut extent = PolarExtent { r_px, azimuth_rad, r: (0.0, 0.0), theta: (0.0, 0.0), wraps };
         if wraps {
             extent = place.polar(place.cols, &mut s.near.0, &mut s.near.1);
         }
-        let near = wraps.then_some((&s.near.0[..], &s.near.1[..]));
-        self.dispatch.run(Pack { block, rows: self.block, to: cast_slice_mut(&mut s.packed), extents, near });
+        let coordinates = match wraps {
+            true => Coordinates::Given(&s.near.0, &s.near.1),
+            false => Coordinates::FarPolar,
+        };
+        let to = cast_slice_mut(&mut s.packed);
+        self.dispatch.run(Pack { block, rows: self.block, to, extents, coordinates });
         if !wraps {
             let union = |of: fn(&PanelExtent) -> (f32, f32)| {
                 let all = extents.iter().map(of);

@@ -5,8 +5,8 @@
 //! tiles of a launch: a tile whose chart rectangle is too large may be divided into strips of rows.
 #![allow(unsafe_code)]
 
-use super::Remap;
 use super::map::{ANCHOR_SPACING_PX, Map, NEAR_AXIS_PX};
+use super::{BandMap, Remap};
 use crate::cuda::handle::CudaStream;
 use crate::cuda::launch::{CudaFunction, LaunchConfig};
 use crate::cuda::ptx;
@@ -112,6 +112,9 @@ impl RemapOnDevice {
     ///
     /// # Errors
     /// Out of memory, or another error of the driver.
+    ///
+    /// # Panics
+    /// A lens without rotational symmetry: jobs with one have no GPU.
     pub fn new(device: &Arc<Device>, remap: &Remap) -> Result<Self, CudaError> {
         let stream = &device.context.default_stream();
         let (sy, sx) = remap.frame.scale;
@@ -120,8 +123,9 @@ impl RemapOnDevice {
             (false, Interp::Bicubic) => "remap_bicubic",
             (false, Interp::Bilinear) => "remap_bilinear",
         };
-        let steps = device_steps(&remap.field);
-        let (buckets, _) = remap.field.buckets();
+        let field = radial(remap);
+        let steps = device_steps(field);
+        let (buckets, _) = field.buckets();
         let mut on_device = Self {
             kernel: device.kernel(&ptx::REMAP, name)?,
             map: device_map(remap),
@@ -198,9 +202,17 @@ fn areas(rect: Rect) -> (usize, usize) {
     (rect.height.div_ceil(AREA_ROWS), (before + rect.width).div_ceil(AREA_COLS))
 }
 
+fn radial(remap: &Remap) -> &Field {
+    match &remap.band_map {
+        BandMap::Radial { field, .. } => field,
+        BandMap::Planar(_) => panic!("the remap stage of a GPU has rotational symmetry"),
+    }
+}
+
 fn device_map(remap: &Remap) -> DeviceMap {
-    let map = Map::new(&remap.frame, &remap.field);
-    let (buckets, buckets_per_px) = remap.field.buckets();
+    let field = radial(remap);
+    let map = Map::new(&remap.frame, field);
+    let (buckets, buckets_per_px) = field.buckets();
     let (sy, sx) = remap.frame.scale;
     DeviceMap {
         axis: map.axis_px.into(),
@@ -208,8 +220,8 @@ fn device_map(remap: &Remap) -> DeviceMap {
         per_scale: map.per_scale.into(),
         whole_columns: map.integer_columns(),
         buckets_per_px,
-        last_px: remap.field.last_px(),
-        on_axis: remap.field.at(0.0).into(),
+        last_px: field.last_px(),
+        on_axis: field.at(0.0).into(),
         boxes: [(1.0 / sy).max(1.0), (1.0 / sx).max(1.0)],
         buckets: buckets.len() as i32,
         unused: 0,

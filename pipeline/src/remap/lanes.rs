@@ -29,11 +29,41 @@ impl<V: Lanes> SimdOp<V> for FillAnchors<'_> {
     }
 }
 
-/// Interpolates the chart at the pixels of a film rectangle.
-pub(super) struct Resample<'a> {
+/// Anchors of a film rectangle, by blocks of [`ANCHOR_SPACING_PX`] columns, and the expansion to the pixels of their blocks.
+pub(super) trait Expand {
+    /// Values of [`GROUP`] anchors.
+    type Group;
+    /// Values that are the same along a film row.
+    type Line<V: Lanes>: Copy;
+
+    /// First film column of the first block, and blocks per row.
+    fn blocks(&self) -> (i64, usize);
+    /// The groups of a row of the rectangle.
+    fn groups(&self, row: usize) -> &[Self::Group];
+    /// The values of a row of the rectangle.
+    fn line<V: Lanes>(&self, row: usize) -> Self::Line<V>;
+    /// The pixels of block `i` of a group (its index in the row, and itself) from its `first` on.
+    fn pixels<V: Lanes>(
+        &self,
+        line: &Self::Line<V>,
+        group: (usize, &Self::Group),
+        i: usize,
+        first: usize,
+    ) -> Pixels<V>;
+}
+
+/// Anchors of a lens with rotational symmetry on a film rectangle.
+pub(super) struct RadialAnchors<'a> {
     pub(super) map: Map<'a>,
     pub(super) knots: &'a Knots,
     pub(super) anchors: &'a Anchors,
+    /// First film row of the rectangle.
+    pub(super) y: i64,
+}
+
+/// Interpolates the chart at the pixels of a film rectangle.
+pub(super) struct Resample<'a, E> {
+    pub(super) anchors: E,
     pub(super) chart: Chart<'a>,
     pub(super) interp: Interp,
     pub(super) rect: Rect,
@@ -52,7 +82,7 @@ pub(super) struct Chart<'a> {
     pub(super) first: (i32, i32),
 }
 
-impl<V: Lanes> SimdOp<V> for Resample<'_> {
+impl<V: Lanes, E: Expand> SimdOp<V> for Resample<'_, E> {
     #[inline(always)]
     fn run(self) {
         match self.interp {
@@ -64,22 +94,22 @@ impl<V: Lanes> SimdOp<V> for Resample<'_> {
 
 /// Coordinates of a register of pixels: cells, fractions, gain.
 #[derive(Clone, Copy)]
-struct Pixels<V: Lanes> {
-    rows: V::I32,
-    cols: V::I32,
-    row_fraction: V,
-    col_fraction: V,
-    gain: V,
+pub(super) struct Pixels<V: Lanes> {
+    pub(super) rows: V::I32,
+    pub(super) cols: V::I32,
+    pub(super) row_fraction: V,
+    pub(super) col_fraction: V,
+    pub(super) gain: V,
 }
 
 /// Registers of a group of anchors: their coordinates are computed before any is interpolated, so that neither waits for the other's latency.
 const STRIP: usize = GROUP * ANCHOR_SPACING_PX / 8;
 
-impl Resample<'_> {
+impl<E: Expand> Resample<'_, E> {
     #[inline(always)]
     fn rows<V: Lanes, K: Interpolation<N>, const N: usize>(mut self) {
         let out = std::mem::take(&mut self.out);
-        let a = self.anchors;
+        let (x0, count) = self.anchors.blocks();
         let width = self.rect.width;
         let per_block = ANCHOR_SPACING_PX / V::LANES;
         let zero = V::to_i32(V::splat(0.0));
@@ -93,22 +123,14 @@ impl Resample<'_> {
         let mut strip = [none; STRIP];
         for (row, to) in out.chunks_mut(self.stride).take(self.rect.height).enumerate() {
             let to = &mut to[..width];
-            let dy = ((self.rect.y + row as i64) as f64 - self.map.axis_px.0) * self.map.per_scale.0;
-            let dy = V::splat(dy as f32);
-            let integer_columns = V::splat(self.map.integer_columns() as f32);
-            let mut x = a.x - self.rect.x;
-            for (g, group) in a.row(row).iter().enumerate() {
-                let blocks = GROUP.min(a.count - g * GROUP);
+            let line = self.anchors.line::<V>(row);
+            let mut x = x0 - self.rect.x;
+            for (g, group) in self.anchors.groups(row).iter().enumerate() {
+                let blocks = GROUP.min(count - g * GROUP);
                 for i in 0..blocks {
                     for k in 0..per_block {
-                        let first = k * V::LANES;
-                        strip[i * per_block + k] = match a.special(group, i) {
-                            None => self.expand::<V, false>((group, i), first, dy, integer_columns, (0, 0)),
-                            Some(Special::SlopeChanges(from, to)) => {
-                                self.expand::<V, true>((group, i), first, dy, integer_columns, (*from, *to))
-                            }
-                            Some(Special::Exact(exact)) => Pixels::<V>::load(exact, first),
-                        };
+                        strip[i * per_block + k] =
+                            self.anchors.pixels::<V>(&line, (g, group), i, k * V::LANES);
                     }
                 }
                 for pixels in &strip[..blocks * per_block] {
@@ -130,7 +152,48 @@ impl Resample<'_> {
             }
         }
     }
+}
 
+impl Expand for RadialAnchors<'_> {
+    type Group = Group;
+    /// Film row from the axis over the scale, and [`Map::integer_columns`].
+    type Line<V: Lanes> = (V, V);
+
+    #[inline(always)]
+    fn blocks(&self) -> (i64, usize) {
+        (self.anchors.x, self.anchors.count)
+    }
+
+    #[inline(always)]
+    fn groups(&self, row: usize) -> &[Group] {
+        self.anchors.row(row)
+    }
+
+    #[inline(always)]
+    fn line<V: Lanes>(&self, row: usize) -> (V, V) {
+        let dy = ((self.y + row as i64) as f64 - self.map.axis_px.0) * self.map.per_scale.0;
+        (V::splat(dy as f32), V::splat(self.map.integer_columns() as f32))
+    }
+
+    #[inline(always)]
+    fn pixels<V: Lanes>(
+        &self,
+        line: &(V, V),
+        (_, group): (usize, &Group),
+        i: usize,
+        first: usize,
+    ) -> Pixels<V> {
+        match self.anchors.special(group, i) {
+            None => self.expand::<V, false>((group, i), first, line, (0, 0)),
+            Some(Special::SlopeChanges(from, to)) => {
+                self.expand::<V, true>((group, i), first, line, (*from, *to))
+            }
+            Some(Special::Exact(exact)) => Pixels::load(exact, first),
+        }
+    }
+}
+
+impl RadialAnchors<'_> {
     /// The pixels of block `i` of a group from its `first` on, expanded from the anchor; `SLOPE_CHANGES` if the range `slope_changes` of
     /// [`Anchors::slope_changes`] applies.
     #[inline(always)]
@@ -138,8 +201,7 @@ impl Resample<'_> {
         &self,
         (group, i): (&Group, usize),
         first: usize,
-        dy: V,
-        integer_columns: V,
+        &(dy, integer_columns): &(V, V),
         slope_changes: (usize, usize),
     ) -> Pixels<V> {
         let a = self.anchors;
@@ -184,7 +246,7 @@ impl Resample<'_> {
 impl<V: Lanes> Pixels<V> {
     /// Pixels of an exactly mapped block from its `first` on.
     #[inline(always)]
-    fn load(exact: &ExactBlock, first: usize) -> Self {
+    pub(super) fn load(exact: &ExactBlock, first: usize) -> Self {
         Self {
             rows: V::load_i32(&exact.row[first..]),
             cols: V::load_i32(&exact.col[first..]),

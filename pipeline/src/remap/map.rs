@@ -38,19 +38,21 @@ pub(crate) struct Map<'a> {
     pub(super) per_scale: (f64, f64),
 }
 
+/// Chart coordinates (row, column) of the axis, and chart pixels per film pixel at magnification 1.
+pub(super) fn chart_of_ideal(frame: &Frame) -> ((f64, f64), (f64, f64)) {
+    let centre = |n: usize| (n as f64 - 1.0) / 2.0;
+    let pitch = frame.pitch_mm();
+    let offset = (
+        centre(frame.chart.height) - frame.center_mm.0 / (pitch * frame.scale.0),
+        centre(frame.chart.width) - frame.center_mm.1 / (pitch * frame.scale.1),
+    );
+    (offset, (1.0 / frame.scale.0, 1.0 / frame.scale.1))
+}
+
 impl<'a> Map<'a> {
     pub(crate) fn new(frame: &Frame, field: &'a Field) -> Self {
-        let centre = |n: usize| (n as f64 - 1.0) / 2.0;
-        let pitch = frame.pitch_mm();
-        Self {
-            field,
-            axis_px: frame.axis_px,
-            offset: (
-                centre(frame.chart.height) - frame.center_mm.0 / (pitch * frame.scale.0),
-                centre(frame.chart.width) - frame.center_mm.1 / (pitch * frame.scale.1),
-            ),
-            per_scale: (1.0 / frame.scale.0, 1.0 / frame.scale.1),
-        }
+        let (offset, per_scale) = chart_of_ideal(frame);
+        Self { field, axis_px: frame.axis_px, offset, per_scale }
     }
 
     /// Chart row, chart column and gain (R × film units) of the film pixel (y, x).
@@ -79,8 +81,7 @@ impl<'a> Map<'a> {
     #[cfg(target_arch = "x86_64")]
     pub(super) fn exact_block(&self, y: i64, x: i64) -> ExactBlock {
         let mut exact = ExactBlock::default();
-        let ExactBlock { row, col, row_fraction, col_fraction, gain } = &mut exact;
-        self.pixel_by_pixel(y, x, &mut Block { row, col, row_fraction, col_fraction, gain });
+        self.pixel_by_pixel(y, x, &mut exact.as_block());
         exact
     }
 
@@ -125,36 +126,39 @@ impl<'a> Map<'a> {
     /// Fills `to` with the pixels of `rect`.
     #[inline(always)]
     pub(crate) fn fill(&self, rect: Rect, to: &mut Points) {
-        to.resize(rect);
-        let rows = (to.row.chunks_exact_mut(to.stride).zip(to.col.chunks_exact_mut(to.stride)))
-            .zip(to.row_fraction.chunks_exact_mut(to.stride).zip(to.col_fraction.chunks_exact_mut(to.stride)))
-            .zip(to.gain.chunks_exact_mut(to.stride));
-        for (y, (((row, col), (row_fraction, col_fraction)), gain)) in (rect.y..rect.bottom()).zip(rows) {
-            let blocks = (row.as_chunks_mut().0.iter_mut().zip(col.as_chunks_mut().0))
-                .zip(row_fraction.as_chunks_mut().0.iter_mut().zip(col_fraction.as_chunks_mut().0))
-                .zip(gain.as_chunks_mut::<BLOCK>().0);
-            for (x, (((row, col), (row_fraction, col_fraction)), gain)) in
-                (rect.x..).step_by(BLOCK).zip(blocks)
-            {
-                let mut to = Block { row, col, row_fraction, col_fraction, gain };
-                if !self.block(y, x, &mut to) {
-                    self.pixel_by_pixel(y, x, &mut to);
-                }
-            }
-            let last = (row[rect.width - 1], col[rect.width - 1]);
-            row[rect.width..].fill(last.0);
-            col[rect.width..].fill(last.1);
+        to.fill(rect, &mut MapBlocks(self));
+    }
+}
+
+/// A map that computes the pixels of a film rectangle block by block.
+pub(super) trait FillBlocks {
+    /// Prepares film row `y` from column `x` to before `end`.
+    fn begin_row(&mut self, y: i64, x: i64, end: i64);
+    /// The [`BLOCK`] pixels from (y, x) on.
+    fn block(&mut self, y: i64, x: i64, to: &mut Block<'_, BLOCK>);
+}
+
+struct MapBlocks<'a>(&'a Map<'a>);
+
+impl FillBlocks for MapBlocks<'_> {
+    #[inline(always)]
+    fn begin_row(&mut self, _: i64, _: i64, _: i64) {}
+
+    #[inline(always)]
+    fn block(&mut self, y: i64, x: i64, to: &mut Block<'_, BLOCK>) {
+        if !self.0.block(y, x, to) {
+            self.0.pixel_by_pixel(y, x, to);
         }
     }
 }
 
 /// `N` neighbouring pixels of a row.
-struct Block<'a, const N: usize> {
-    row: &'a mut [i32; N],
-    col: &'a mut [i32; N],
-    row_fraction: &'a mut [f32; N],
-    col_fraction: &'a mut [f32; N],
-    gain: &'a mut [f32; N],
+pub(super) struct Block<'a, const N: usize> {
+    pub(super) row: &'a mut [i32; N],
+    pub(super) col: &'a mut [i32; N],
+    pub(super) row_fraction: &'a mut [f32; N],
+    pub(super) col_fraction: &'a mut [f32; N],
+    pub(super) gain: &'a mut [f32; N],
 }
 
 /// Chart coordinates and gain of the pixels of an anchor block, mapped one by one.
@@ -168,7 +172,39 @@ pub(super) struct ExactBlock {
     pub(super) gain: [f32; ANCHOR_SPACING_PX],
 }
 
+#[cfg(target_arch = "x86_64")]
+impl ExactBlock {
+    pub(super) fn as_block(&mut self) -> Block<'_, ANCHOR_SPACING_PX> {
+        let Self { row, col, row_fraction, col_fraction, gain } = self;
+        Block { row, col, row_fraction, col_fraction, gain }
+    }
+}
+
 impl Points {
+    /// Computes the pixels of `rect` by `map`.
+    #[inline(always)]
+    pub(super) fn fill(&mut self, rect: Rect, map: &mut impl FillBlocks) {
+        self.resize(rect);
+        let stride = self.stride;
+        let rows = (self.row.chunks_exact_mut(stride).zip(self.col.chunks_exact_mut(stride)))
+            .zip(self.row_fraction.chunks_exact_mut(stride).zip(self.col_fraction.chunks_exact_mut(stride)))
+            .zip(self.gain.chunks_exact_mut(stride));
+        for (y, (((row, col), (row_fraction, col_fraction)), gain)) in (rect.y..rect.bottom()).zip(rows) {
+            map.begin_row(y, rect.x, rect.x + stride as i64);
+            let blocks = (row.as_chunks_mut().0.iter_mut().zip(col.as_chunks_mut().0))
+                .zip(row_fraction.as_chunks_mut().0.iter_mut().zip(col_fraction.as_chunks_mut().0))
+                .zip(gain.as_chunks_mut::<BLOCK>().0);
+            for (x, (((row, col), (row_fraction, col_fraction)), gain)) in
+                (rect.x..).step_by(BLOCK).zip(blocks)
+            {
+                map.block(y, x, &mut Block { row, col, row_fraction, col_fraction, gain });
+            }
+            let last = (row[rect.width - 1], col[rect.width - 1]);
+            row[rect.width..].fill(last.0);
+            col[rect.width..].fill(last.1);
+        }
+    }
+
     fn resize(&mut self, rect: Rect) {
         self.stride = rect.width.next_multiple_of(PAD);
         let n = rect.height * self.stride;

@@ -1,7 +1,9 @@
 //! Memory of the remap stage, bytes.
 
-use super::{PART_COLS, PART_ROWS, Remap};
+use super::{BandMap, PART_COLS, PART_ROWS, Remap};
+use crate::field::planar::{film_row_bytes, planar_table_bytes};
 use crate::geometry::Size;
+use crate::lens::LensBand;
 use crate::tiling::Tiling;
 
 /// Coordinates, fractions and gain of a film pixel; where the chart is averaged, its coordinates in f64.
@@ -14,7 +16,11 @@ impl Remap {
     /// [`Remap::chart_area_bytes`].
     pub fn scratch_bytes(&self, tiling: &Tiling, chart: Size) -> usize {
         let pixels = PART_ROWS.min(tiling.tile()) * PART_COLS.min(tiling.tile());
-        self.chart_area_bytes(tiling, chart).saturating_add(BYTES_PER_PIXEL * pixels)
+        let row = match &self.band_map {
+            BandMap::Radial { .. } => 0,
+            BandMap::Planar(field) => film_row_bytes(field.cells().1),
+        };
+        self.chart_area_bytes(tiling, chart).saturating_add(BYTES_PER_PIXEL * pixels + row)
     }
 
     /// Chart pixels under a part of a tile, and the part of them inside the chart as it is read.
@@ -25,7 +31,10 @@ impl Remap {
     }
 }
 
-/// Tables of one band with `field_points` heights.
-pub const fn table_bytes(field_points: usize) -> usize {
-    BYTES_PER_FIELD_POINT * field_points
+/// Tables of `band` for lookup in film pixels.
+pub fn table_bytes(band: &LensBand) -> usize {
+    match &band.planar {
+        None => BYTES_PER_FIELD_POINT * band.ideal_height_mm.len(),
+        Some(planar) => planar_table_bytes((planar.map.y_mm.len(), planar.map.x_mm.len())),
+    }
 }

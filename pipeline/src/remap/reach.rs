@@ -2,9 +2,11 @@
 //!
 //! Within one step of the field's table h/r = h′ + c/r is monotone in r, so over a small square of film h/r lies between the minimum
 //! and maximum of its values at the square's smallest and largest radius and at the knots between, and (dy, dx)·h/r between the
-//! products of the extremes. With squares of [`SQUARE_PX`] the bound exceeds the exact rectangle by about a pixel.
+//! products of the extremes. With squares of [`SQUARE_PX`] the bound exceeds the exact rectangle by about a pixel. Lenses without rotational symmetry:
+//! `planar/reach.rs`.
 
 use super::Remap;
+use super::chart_map::ChartMap;
 use super::map::Map;
 use crate::field::{Field, Stretch};
 use crate::geometry::Rect;
@@ -15,22 +17,26 @@ use crate::tiling::Tiling;
 /// Side of a square, film px.
 const SQUARE_PX: usize = 32;
 /// Margin of coordinates, px: more than any rounding.
-const SLACK_PX: f64 = 1e-3;
+pub(super) const SLACK_PX: f64 = 1e-3;
 
 /// (minimum, maximum).
-type Span = (f64, f64);
+pub(super) type Span = (f64, f64);
 
-const EMPTY: Span = (f64::INFINITY, f64::NEG_INFINITY);
+pub(super) const EMPTY: Span = (f64::INFINITY, f64::NEG_INFINITY);
+
+/// The span of both.
+pub(super) fn union(a: Span, b: Span) -> Span {
+    (a.0.min(b.0), a.1.max(b.1))
+}
 
 impl Remap {
     /// A chart rectangle, surround included, that contains every tap of the film rectangle `rect`: the upload for a GPU.
     pub fn upload_rect(&self, rect: Rect) -> Rect {
         let (mut rows, mut cols) = (EMPTY, EMPTY);
-        let map = Map::new(&self.frame, &self.field);
+        let map = self.map();
         for square in rect.tiles(SQUARE_PX, SQUARE_PX) {
             let (row, col) = map.bound(square);
-            rows = (rows.0.min(row.0), rows.1.max(row.1));
-            cols = (cols.0.min(col.0), cols.1.max(col.1));
+            (rows, cols) = (union(rows, row), union(cols, col));
         }
         let (sy, sx) = self.frame.scale;
         if sy.min(sx) >= 1.0 {
@@ -57,23 +63,24 @@ const MAX_PARTS: usize = 1 << 20;
 impl Remap {
     /// Upper bound of the chart pixels, surround included, that a worker holds at a time for tiles of `tiling`; tight if it is large.
     ///
-    /// With J the Jacobian of the map, |J_yy| ≤ max(h/r, h′) and |J_yx| ≤ |h′ − h/r|/2, so a part of H × W film px spans at most
+    /// With J the Jacobian of the map, |J_yy| ≤ max(h/r, h′) and |J_yx| ≤ |h′ − h/r|/2 ([`Stretch`]), so a part of H × W film px spans at most
     /// H·|J_yy| + W·|J_yx| rows of a chart of scale 1. Parts for which this bound exceeds the maximum so far are bounded by
     /// [`Remap::upload_rect`].
     pub fn max_chart_px(&self, tiling: &Tiling) -> u64 {
         let (rows, cols) = self.part_size();
         let (rows, cols) = (rows.min(tiling.tile()), cols.min(tiling.tile()));
-        let bound = self.part_bound_px(Rect::new(0, 0, rows, cols), self.farthest_px(tiling.grown()));
+        let stretch = self.stretch(tiling);
+        let bound = self.part_bound_px(Rect::new(0, 0, rows, cols), stretch);
         let (down, across) = tiling.count();
         let parts = [down, across, tiling.tile().div_ceil(rows), tiling.tile().div_ceil(cols)];
         let few = parts.iter().try_fold(1usize, |n, &s| n.checked_mul(s)).is_some_and(|n| n <= MAX_PARTS);
-        if bound <= SMALL_PX || self.stretch(tiling).greatest <= USUAL_STRETCH || !few {
+        if bound <= SMALL_PX || stretch.greatest <= USUAL_STRETCH || !few {
             return bound as u64;
         }
         let mut max = 0u64;
         for tile in (0..down).flat_map(|i| (0..across).map(move |j| (i, j))) {
             for part in tiling.rect(tile).tiles(rows, cols) {
-                if self.part_bound_px(part, self.farthest_px(part)) > max as f64 {
+                if self.part_bound_px(part, self.stretch_over(part)) > max as f64 {
                     let rect = self.upload_rect(part);
                     max = max.max((rect.height as u64).saturating_mul(rect.width as u64));
                 }
@@ -84,16 +91,19 @@ impl Remap {
 
     /// The stretch of the map over the film and its margin.
     pub fn stretch(&self, tiling: &Tiling) -> Stretch {
-        self.field.stretch(self.farthest_px(tiling.grown()))
+        self.stretch_over(tiling.grown())
     }
 
-    fn farthest_px(&self, rect: Rect) -> f64 {
-        self.frame.farthest_mm(rect) / self.frame.pitch_mm()
+    /// The stretch of the map over `rect`; for a lens with rotational symmetry over all radii up to the farthest in it.
+    fn stretch_over(&self, rect: Rect) -> Stretch {
+        match self.map() {
+            ChartMap::Radial(map) => map.field.stretch(self.frame.farthest_mm(rect) / self.frame.pitch_mm()),
+            ChartMap::Planar(map) => map.stretch(rect),
+        }
     }
 
-    /// Upper bound of the chart pixels of a part whose pixels lie within `reach_px` of the axis.
-    fn part_bound_px(&self, part: Rect, reach_px: f64) -> f64 {
-        let Stretch { greatest, shear, .. } = self.field.stretch(reach_px);
+    /// Upper bound of the chart pixels of a part on which the map stretches by `stretch`.
+    fn part_bound_px(&self, part: Rect, Stretch { greatest, shear, .. }: Stretch) -> f64 {
         let side = |along: usize, other: usize, scale: f64| {
             let span = (along as f64 * greatest + other as f64 * shear) / scale;
             // Taps, or the box of a film pixel, and rounding.
@@ -106,7 +116,7 @@ impl Remap {
 
 impl Map<'_> {
     /// Bounds of the chart rows and columns of the pixels of `rect`.
-    fn bound(&self, rect: Rect) -> (Span, Span) {
+    pub(super) fn bound(&self, rect: Rect) -> (Span, Span) {
         let ends =
             |first: i64, n: usize, axis: f64| (first as f64 - axis, (first + n as i64 - 1) as f64 - axis);
         let dy = ends(rect.y, rect.height, self.axis_px.0);

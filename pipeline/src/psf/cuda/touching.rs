@@ -1,7 +1,8 @@
 //! The nodes that have a share in a block, found without computing the place of every pixel.
 
-use crate::psf::grid::{Node, NodeGrid, NodeWeight, PolarExtent};
+use crate::psf::grid::{Node, NodeGrid, NodeWeight};
 use crate::psf::polar::BlockPlace;
+use crate::psf::polar::PolarExtent;
 use crate::real;
 use std::f64::consts::{PI, TAU};
 

@@ -5,7 +5,7 @@
 //! pixel edges are sample edges.
 
 use crate::lens::PsfSample;
-use crate::psf::spline;
+use crate::spline;
 
 /// Weights below this are dropped: they fall by 0.27 a sample away from the pixel's edge.
 const NEGLIGIBLE: f64 = 1e-12;

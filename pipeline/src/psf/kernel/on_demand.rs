@@ -1,10 +1,11 @@
-//! Kernels of a depth node whose PSFs are read when a kernel of their height is computed, and kept in the cache of spectra.
+//! Kernels whose PSFs are read when a kernel of their height is computed, and kept in the cache of spectra.
 //!
-//! The nodes of a lens with large blurs have gigabytes of PSFs, of which a tile of the film needs a few heights of a few nodes. A prepared PSF is its
-//! spline coefficients and its kernel at azimuth 0, in one buffer. Symmetry is that of each height's own PSF.
+//! The depth nodes of a lens with large blurs have gigabytes of PSFs, of which a tile of the film needs a few heights of a few nodes; a lens with
+//! errors has up to a gigabyte a band in the blue. The PSFs of a set ([`NodeGrid::psf_set`]: all of a height) are read and prepared at once,
+//! into one buffer: of each its spline coefficients and its kernel at azimuth 0. Symmetry is that of each height's own PSF.
 
-use super::resampler::{Prepared, Resampler};
-use super::{KernelScratch, KernelSymmetry, is_mirrored, lane_sum};
+use super::resampler::{PreparedPsf, Resampler};
+use super::{BaseGroup, KernelScratch, KernelSymmetry, is_mirrored, lane_sum};
 use crate::buffer::AlignedBuf;
 use crate::lens::PsfSample;
 use crate::psf::grid::{Node, NodeGrid};
@@ -14,7 +15,7 @@ use std::sync::{Arc, Mutex, OnceLock};
 /// Error of a reader of PSFs.
 pub type PsfReadError = Box<dyn std::error::Error + Send + Sync>;
 
-/// Reads the samples of the PSF of (depth node, height).
+/// Reads the samples of the PSFs of (depth node, set of PSFs), window after window; 0 is the depth node of a lens without any.
 pub type PsfReader = Arc<dyn Fn(usize, usize) -> Result<Vec<f32>, PsfReadError> + Send + Sync>;
 
 /// Where PSFs are read from, and the first error of it. What was computed after an error is not valid.
@@ -48,10 +49,12 @@ impl PsfSource {
     }
 
     /// The samples, or zeros and a note of the error.
-    pub(crate) fn read(&self, node: usize, k: usize, samples: usize) -> Vec<f32> {
-        let problem = match (self.reader)(node, k) {
+    pub(crate) fn read(&self, node: usize, set: usize, samples: usize) -> Vec<f32> {
+        let problem = match (self.reader)(node, set) {
             Ok(psf) if psf.len() == samples => return psf,
-            Ok(psf) => format!("PSF {k} of depth node {node} has {} samples, expected {samples}", psf.len()),
+            Ok(psf) => {
+                format!("PSF {set} of depth node {node} has {} samples, expected {samples}", psf.len())
+            }
             Err(error) => error.to_string(),
         };
         self.error.lock().expect("no panic while held").get_or_insert(problem);
@@ -59,23 +62,23 @@ impl PsfSource {
     }
 }
 
-/// Kernels of one depth node.
+/// Kernels of one depth node, or of a band without depth nodes.
 #[derive(Debug)]
 pub struct KernelsOnDemand {
     resampler: Resampler,
     source: PsfSource,
     /// Index of the depth node in the lens.
     node: usize,
-    /// Whether the PSF of each height is symmetric about the meridian, once it has been read.
+    /// Whether the PSF of each set of one PSF is symmetric about the meridian, once it has been read.
     mirrored: Vec<OnceLock<bool>>,
 }
 
 impl KernelsOnDemand {
-    /// Of depth node `node` with `heights` PSFs of `psf` (side in samples, pitch in µm, kind of samples), for a film of `film_pitch_um`; `window`
+    /// Of depth node `node` with `sets` sets of PSFs of `psf` (side in samples, pitch in µm, kind of samples), for a film of `film_pitch_um`; `window`
     /// crops kernels to that many film pixels (odd).
     pub fn new(
         (source, node): (&PsfSource, usize),
-        heights: usize,
+        sets: usize,
         psf: (usize, f64, PsfSample),
         film_pitch_um: f64,
         window: Option<usize>,
@@ -85,8 +88,16 @@ impl KernelsOnDemand {
             resampler: Resampler::new(psf, film_pitch_um, window, simd),
             source: source.clone(),
             node,
-            mirrored: (0..heights).map(|_| OnceLock::new()).collect(),
+            mirrored: (0..sets).map(|_| OnceLock::new()).collect(),
         }
+    }
+
+    /// Fails if a PSF could not be read.
+    ///
+    /// # Errors
+    /// The first error of the reader.
+    pub(in crate::psf) fn check_read(&self) -> Result<(), PsfReadError> {
+        self.source.check()
     }
 
     /// Side of a kernel in film pixels, odd.
@@ -94,56 +105,69 @@ impl KernelsOnDemand {
         self.resampler.size()
     }
 
-    /// Bytes of a prepared PSF.
-    pub(in crate::psf) fn psf_bytes(&self) -> usize {
+    /// Bytes of the prepared PSFs of a set of `count`.
+    pub(in crate::psf) fn psf_bytes(&self, count: usize) -> usize {
         let (coefficients, kernel) = self.resampler.lengths();
-        (coefficients + kernel) * size_of::<f32>()
+        count * (coefficients + kernel) * size_of::<f32>()
     }
 
-    /// Reads and prepares the PSF of height `k` into `buffer`.
+    /// Reads and prepares the PSFs of the set `set` of `grid` into `buffer`.
     pub(in crate::psf) fn prepare(
         &self,
-        k: usize,
+        grid: &NodeGrid,
+        set: usize,
         mut buffer: AlignedBuf,
         s: &mut KernelScratch,
     ) -> AlignedBuf {
-        let n = self.resampler.samples();
-        let psf = self.source.read(self.node, k, n * n);
-        let light = lane_sum(&psf, &psf, |v, _| f64::from(v));
-        self.mirrored[k].get_or_init(|| is_mirrored(&psf, n, light));
-        let Prepared { coefficients, unrotated } = self.resampler.prepare(&psf, s);
-        buffer.reset(coefficients.len() + unrotated.len());
-        buffer[..coefficients.len()].copy_from_slice(&coefficients);
-        buffer[coefficients.len()..].copy_from_slice(&unrotated);
+        let (n, count) = (self.resampler.samples(), grid.psf_rows(set).len());
+        let psfs = self.source.read(self.node, set, count * n * n);
+        self.mirrored[set].get_or_init(|| {
+            let light = lane_sum(&psfs, &psfs, |v, _| f64::from(v));
+            count == 1 && is_mirrored(&psfs, n, light)
+        });
+        buffer.reset(self.psf_bytes(count) / size_of::<f32>());
+        let (coefficients, kernel) = self.resampler.lengths();
+        for (psf, to) in psfs.chunks_exact(n * n).zip(buffer.chunks_exact_mut(coefficients + kernel)) {
+            let prepared = self.resampler.prepare(psf, s);
+            to[..coefficients].copy_from_slice(&prepared.coefficients);
+            to[coefficients..].copy_from_slice(&prepared.unrotated);
+        }
         buffer
     }
 
-    /// How the kernel of `node` follows from a base kernel; `read` makes its height be prepared if it never was.
+    /// How the kernel of `node` follows from a base kernel; `read` makes its set be prepared if it never was.
     pub(in crate::psf) fn symmetry_of(
         &self,
         grid: &NodeGrid,
         node: Node,
         read: impl FnOnce(),
     ) -> KernelSymmetry {
-        if self.mirrored[node.k].get().is_none() {
+        if !grid.is_symmetric_at(node) {
+            return KernelSymmetry::new(grid, node, false);
+        }
+        let mirrored = &self.mirrored[grid.psf_set(node)];
+        if mirrored.get().is_none() {
             read();
         }
-        KernelSymmetry::new(grid, node, self.mirrored[node.k].get().copied().unwrap_or(false))
+        KernelSymmetry::new(grid, node, mirrored.get().copied().unwrap_or(false))
     }
 
-    /// The kernel of the node `base` (see [`KernelSymmetry::base`]) of the prepared PSF of its height, row down.
-    pub(in crate::psf) fn base_kernel<'a>(
+    /// The kernels of `group` of the prepared PSFs of its set, row down, one after another into `out`.
+    pub(in crate::psf) fn base_kernels(
         &self,
         grid: &NodeGrid,
-        base: Node,
-        psf: &'a [f32],
-        s: &'a mut KernelScratch,
-    ) -> &'a [f32] {
-        let (coefficients, unrotated) = psf.split_at(self.resampler.lengths().0);
-        match base.j {
-            0 => unrotated,
-            _ => self.resampler.rotate(coefficients, grid.azimuth_rad(base), s),
-        }
+        group: &BaseGroup,
+        psfs: &[f32],
+        s: &mut KernelScratch,
+        out: &mut [f32],
+    ) {
+        let (coefficients, kernel) = self.resampler.lengths();
+        let psf = |a: usize| {
+            let (coefficients, unrotated) =
+                psfs[a * (coefficients + kernel)..][..coefficients + kernel].split_at(coefficients);
+            PreparedPsf { coefficients, unrotated }
+        };
+        self.resampler.base_kernels(grid, group, psf, s, out);
     }
 }
 
@@ -183,12 +207,13 @@ mod tests {
         let kernels = KernelsOnDemand::new((&source, 7), 2, shape, 2.0, None, simd);
         let (mut s, mut other) = (KernelScratch::default(), KernelScratch::default());
         for (k, js) in [(0, 0..1), (1, 0..8)] {
-            let psf = kernels.prepare(k, AlignedBuf::default(), &mut s);
-            assert_eq!(psf.len() * 4, kernels.psf_bytes());
+            let psf = kernels.prepare(&grid, k, AlignedBuf::default(), &mut s);
+            assert_eq!(psf.len() * 4, kernels.psf_bytes(1));
             for j in js {
                 let symmetry = kernels.symmetry_of(&grid, Node { k, j }, || unreachable!("prepared"));
                 assert_eq!(symmetry, all.symmetry_of(&grid, Node { k, j }));
-                let base = kernels.base_kernel(&grid, symmetry.base, &psf, &mut s);
+                let mut base = vec![0.0; kernels.size() * kernels.size()];
+                kernels.base_kernels(&grid, &BaseGroup::single(symmetry.base), &psf, &mut s, &mut base);
                 assert_eq!(
                     base,
                     all.base_kernel(&grid, symmetry.base, &mut other),
@@ -209,10 +234,12 @@ mod tests {
         let shape = (3, 2.0, PsfSample::Integrated);
         let kernels = KernelsOnDemand::new((&source, 0), 3, shape, 2.0, None, Simd::PORTABLE);
         let mut s = KernelScratch::default();
-        kernels.prepare(0, AlignedBuf::default(), &mut s);
+        let grid = NodeGrid::new(&[0.0, 1.0, 2.0], &[1, 4, 4], 2e-3);
+        let mut prepare = |k| kernels.prepare(&grid, k, AlignedBuf::default(), &mut s);
+        prepare(0);
         source.check().unwrap();
-        kernels.prepare(2, AlignedBuf::default(), &mut s);
-        kernels.prepare(1, AlignedBuf::default(), &mut s);
+        prepare(2);
+        prepare(1);
         assert_eq!([source.check(), source.check()].map(|e| e.unwrap_err().to_string()), ["no height 2"; 2]);
     }
 }

@@ -1,11 +1,15 @@
-//! From the samples of one PSF to its kernels at the film's pitch: spline coefficients, rotation, integration over film pixels.
+//! From the samples of the PSFs of a node to its kernel at the film's pitch: spline coefficients, interpolation in azimuth, rotation,
+//! integration over film pixels.
 
+use super::azimuth::{AzimuthPsf, BaseGroup, weighted_sums};
 use super::integration::{PixelWeights, integrate, pixel_weights};
 use super::rotation::{MARGIN, padded_coefficients, rotate};
 #[cfg(target_arch = "x86_64")]
 use super::simd;
+use super::symmetry::base_rotation_rad;
 use super::{KernelScratch, film_window, is_at_film_pitch};
 use crate::lens::PsfSample;
+use crate::psf::grid::NodeGrid;
 #[cfg(target_arch = "x86_64")]
 use crate::simd::{Avx2, Avx512};
 use crate::simd::{Isa, Simd};
@@ -29,6 +33,13 @@ pub(super) struct Prepared {
     pub(super) coefficients: Vec<f32>,
     /// The kernel at azimuth 0.
     pub(super) unrotated: Vec<f32>,
+}
+
+/// [`Prepared`], borrowed.
+#[derive(Clone, Copy, Debug)]
+pub(super) struct PreparedPsf<'a> {
+    pub(super) coefficients: &'a [f32],
+    pub(super) unrotated: &'a [f32],
 }
 
 impl Resampler {
@@ -77,12 +88,7 @@ impl Resampler {
     }
 
     /// The kernel of `coefficients` rotated by `azimuth_rad`.
-    pub(super) fn rotate<'a>(
-        &self,
-        coefficients: &[f32],
-        azimuth_rad: f64,
-        s: &'a mut KernelScratch,
-    ) -> &'a [f32] {
+    fn rotate<'a>(&self, coefficients: &[f32], azimuth_rad: f64, s: &'a mut KernelScratch) -> &'a [f32] {
         match self.simd.isa() {
             Isa::Portable => self.rotated(coefficients, azimuth_rad, s),
             #[cfg(target_arch = "x86_64")]
@@ -99,6 +105,53 @@ impl Resampler {
             Isa::Avx512 | Isa::Avx2 => unreachable!("Simd holds available instructions only"),
         }
         &s.base
+    }
+
+    /// The kernels of `group` of `grid`, `psf` the prepared PSFs of its set, into `out` (size² values each).
+    pub(super) fn base_kernels<'a>(
+        &self,
+        grid: &NodeGrid,
+        group: &BaseGroup,
+        psf: impl Fn(usize) -> PreparedPsf<'a>,
+        s: &mut KernelScratch,
+        out: &mut [f32],
+    ) {
+        let sources: Vec<AzimuthPsf> = group.nodes().map(|base| AzimuthPsf::new(grid, base)).collect();
+        let (length, area) = self.lengths();
+        let weights: Vec<&[f64]> = sources.iter().filter_map(AzimuthPsf::weights).collect();
+        let mut sums = std::mem::take(&mut s.interpolated);
+        sums.resize(weights.len() * length, 0.0);
+        if let Some(first) = weights.first() {
+            let terms: Vec<&[f32]> = (0..first.len()).map(|a| psf(a).coefficients).collect();
+            self.sums(&weights, &terms, &mut sums);
+        }
+        let mut sum = sums.chunks_exact(length);
+        for ((base, source), out) in group.nodes().zip(&sources).zip(out.chunks_exact_mut(area)) {
+            let rotation_rad = base_rotation_rad(grid, base);
+            let coefficients = match source {
+                AzimuthPsf::Sample(a) if rotation_rad == 0.0 => {
+                    out.copy_from_slice(psf(*a).unrotated);
+                    continue;
+                }
+                AzimuthPsf::Sample(a) => psf(*a).coefficients,
+                AzimuthPsf::Sum(_) => sum.next().expect("a sum for each"),
+            };
+            out.copy_from_slice(self.rotate(coefficients, rotation_rad, s));
+        }
+        s.interpolated = sums;
+    }
+
+    /// Σ weight · term for each of `weights`, one after another into `to`.
+    fn sums(&self, weights: &[&[f64]], terms: &[&[f32]], to: &mut [f32]) {
+        match self.simd.isa() {
+            Isa::Portable => weighted_sums(weights, terms, to),
+            #[cfg(target_arch = "x86_64")]
+            Isa::Avx512 => simd::weighted_sums::<Avx512>(self.simd, weights, terms, to),
+            #[cfg(target_arch = "x86_64")]
+            Isa::Avx2 => simd::weighted_sums::<Avx2>(self.simd, weights, terms, to),
+            #[cfg(not(target_arch = "x86_64"))]
+            Isa::Avx512 | Isa::Avx2 => unreachable!("Simd holds available instructions only"),
+        }
     }
 
     /// The PSF of `coefficients` rotated by `azimuth_rad` into `s.base`: plain f64 sums, the reference for SIMD.

@@ -1,7 +1,7 @@
 //! Rotation of a PSF about the chief ray by its cubic B-spline, in f64: the reference for the SIMD path.
 
-use crate::psf::spline;
 use crate::real;
+use crate::spline;
 
 /// Zeros around the coefficients of a PSF: the reach of a spline evaluated beside them.
 pub(super) const MARGIN: usize = 4;

@@ -71,6 +71,51 @@ impl RotatedKernel<'_> {
     }
 }
 
+/// The sums of [`super::azimuth::weighted_sums`]; `simd` selects the instructions of `V`.
+pub(super) fn weighted_sums<V: Lanes>(simd: Simd, weights: &[&[f64]], terms: &[&[f32]], to: &mut [f32]) {
+    let weights: Vec<f32> = weights.iter().flat_map(|weights| weights.iter().map(|w| *w as f32)).collect();
+    Dispatch::<V>::new(simd).run(WeightedSums { weights: &weights, terms, to });
+}
+
+/// Several sums of the same terms, which are read once for all.
+struct WeightedSums<'a> {
+    /// Those of one sum after another.
+    weights: &'a [f32],
+    terms: &'a [&'a [f32]],
+    to: &'a mut [f32],
+}
+
+impl<V: Lanes> SimdOp<V> for WeightedSums<'_> {
+    #[inline(always)]
+    fn run(self) {
+        // Independent sums hide the latency of the additions.
+        const SUMS: usize = 8;
+        let (length, step) = (self.terms[0].len(), SUMS * V::LANES);
+        let weights = self.weights.chunks_exact(self.terms.len());
+        let wide = length / step * step;
+        for first in (0..wide).step_by(step) {
+            for (weights, to) in weights.clone().zip(self.to.chunks_exact_mut(length)) {
+                let mut sums = [V::splat(0.0); SUMS];
+                for (w, term) in weights.iter().zip(self.terms) {
+                    let (w, from) = (V::splat(*w), &term[first..first + step]);
+                    for i in 0..SUMS {
+                        sums[i] = V::load(&from[i * V::LANES..]).mul_add(w, sums[i]);
+                    }
+                }
+                let to = &mut to[first..first + step];
+                for i in 0..SUMS {
+                    sums[i].store(&mut to[i * V::LANES..]);
+                }
+            }
+        }
+        for (weights, to) in weights.zip(self.to.chunks_exact_mut(length)) {
+            for (i, to) in to.iter_mut().enumerate().skip(wide) {
+                *to = weights.iter().zip(self.terms).map(|(w, term)| w * term[i]).sum();
+            }
+        }
+    }
+}
+
 /// Evaluates the spline of `coefficients` (n × n with margins) at positions rotated by −azimuth about its centre: n rows of
 /// `stride` ≥ n values; those past the n-th are undefined.
 struct Rotate<'a> {
@@ -142,7 +187,7 @@ impl Rotate<'_> {
         sum
     }
 
-    /// Cells of the positions along one direction and the spline's weights ([`crate::psf::spline::weights`]). Cells outside the
+    /// Cells of the positions along one direction and the spline's weights ([`crate::spline::weights`]). Cells outside the
     /// PSF are clamped to the margin, where all coefficients are 0.
     #[inline(always)]
     fn cell<V: Lanes>(&self, (anchor, offset): (f64, V)) -> (V, [V; 4]) {

@@ -2,6 +2,9 @@
 //!
 //! kernel(j + J/4) is kernel(j) rotated by 90°, bit for bit. Where the PSFs are their own mirror images about the meridian and J
 //! is a multiple of 8, kernel(J/4 − j) is kernel(j) with rows and columns exchanged.
+//!
+//! Where PSFs depend on the azimuth no kernel follows from that of another node: the base kernel is that of the node, rotated within the first
+//! quadrant, and the quarter turns complete its rotation. Kernels of a Cartesian grid are not rotated.
 
 use super::lane_sum;
 use crate::psf::grid::{Node, NodeGrid};
@@ -13,7 +16,7 @@ pub(super) const MIRROR_TOLERANCE: f64 = 5e-7;
 /// How the kernel of a node follows from a base kernel: exchange rows and columns first, then rotate by quarter turns.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct KernelSymmetry {
-    /// Node of the base kernel: its azimuth index lies in the first quadrant (or octant); at 0 the kernel is the PSF itself.
+    /// Node of the base kernel. Of a height with one PSF its azimuth index lies in the first quadrant (or octant); else it is the node itself.
     pub base: Node,
     /// Whether rows and columns are exchanged.
     pub transposed: bool,
@@ -24,12 +27,14 @@ pub struct KernelSymmetry {
 impl KernelSymmetry {
     /// The symmetry of `node`; `mirrored` if the PSFs are symmetric about the meridian.
     pub(super) fn new(grid: &NodeGrid, node: Node, mirrored: bool) -> Self {
-        let count = grid.azimuths()[node.k];
-        if count == 1 {
+        let Some(per_quadrant) = azimuths_per_quadrant(grid, node) else {
             return Self { base: node, transposed: false, quarter_turns: 0 };
+        };
+        let (quarter_turns, j) = (node.j / per_quadrant, node.j % per_quadrant);
+        if !grid.is_symmetric_at(node) {
+            return Self { base: node, transposed: false, quarter_turns };
         }
-        assert!(count.is_multiple_of(4), "LensBand::check admits multiples of 4 only");
-        let (quarter_turns, j) = (node.j / (count / 4), node.j % (count / 4));
+        let count = 4 * per_quadrant;
         // The kernel at azimuth π/2 − θ is the mirror image of the kernel at θ.
         let transposed = mirrored && count.is_multiple_of(8) && j > count / 8;
         let j = if transposed { count / 4 - j } else { j };
@@ -51,6 +56,19 @@ impl KernelSymmetry {
             }
         }
     }
+}
+
+/// Angle in rad by which the PSF of the base kernel `base` is rotated, in the first quadrant; at 0 the kernel is the PSF itself.
+pub(super) fn base_rotation_rad(grid: &NodeGrid, base: Node) -> f64 {
+    let azimuth_rad = |per_quadrant| grid.azimuth_rad(Node { j: base.j % per_quadrant, ..base });
+    azimuths_per_quadrant(grid, base).map_or(0.0, azimuth_rad)
+}
+
+/// Azimuths of the height of `node` in a quadrant; `None` for a node that has no azimuth.
+fn azimuths_per_quadrant(grid: &NodeGrid, node: Node) -> Option<usize> {
+    let count = grid.azimuths().get(node.k).copied().filter(|count| *count > 1)?;
+    assert!(count.is_multiple_of(4), "LensBand::check admits multiples of 4 only");
+    Some(count / 4)
 }
 
 /// Σ |difference| of an n × n PSF and its image mirrored about the meridian.

@@ -1,7 +1,7 @@
 //! One block of the remapped image to panels of columns and back.
 //!
-//! A *panel* is as many columns as there are lanes. A packed panel is stored row by row as `[pixels][r][θ]` (the polar coordinates of
-//! [`crate::psf::polar`]), from which any node's weights follow. Transformed along y it has F/2 elements; transposed, it is spread
+//! A *panel* is as many columns as there are lanes. A packed panel is stored row by row as `[pixels][r][θ]` (the coordinates of
+//! [`crate::psf::polar`]; x and y of a Cartesian grid of nodes), from which any node's weights follow. Transformed along y it has F/2 elements; transposed, it is spread
 //! over F/2/LANES groups of F elements, one element being one column of LANES spectral rows.
 //!
 //! *Right-angle transform along y.* A real signal x of F rows becomes F/2 complex ones:
@@ -46,7 +46,7 @@ impl PanelExtent {
     }
 }
 
-/// Packs the pixels of a block with their polar coordinates, which far from the axis are computed as in [`BlockPlace::polar`];
+/// Packs the pixels of a block with their coordinates, which are computed as in [`BlockPlace::polar`] or [`BlockPlace::cartesian`];
 /// pixels that would become denormal are set to 0.
 pub(super) struct Pack<'a, V> {
     pub(super) block: &'a BlockView<'a>,
@@ -54,8 +54,18 @@ pub(super) struct Pack<'a, V> {
     pub(super) rows: usize,
     pub(super) to: &'a mut [Pixels<V>],
     pub(super) extents: &'a mut [PanelExtent],
-    /// r and θ of the pixels of a block near the axis.
-    pub(super) near: Option<(&'a [f32], &'a [f32])>,
+    pub(super) coordinates: Coordinates<'a>,
+}
+
+/// Coordinates of the pixels of a block.
+#[derive(Clone, Copy)]
+pub(super) enum Coordinates<'a> {
+    /// r and θ, of a block near the axis.
+    Given(&'a [f32], &'a [f32]),
+    /// r and θ of a block far from the axis, computed in registers.
+    FarPolar,
+    /// x and y.
+    Cartesian,
 }
 
 impl<V: Lanes> SimdOp<V> for Pack<'_, V> {
@@ -70,24 +80,26 @@ impl<V: Lanes> SimdOp<V> for Pack<'_, V> {
             let lanes = (place.cols - first).min(V::LANES);
             let mut peak = V::splat(0.0);
             let (mut r, mut theta) = (Range::empty(), Range::empty());
-            let across = far.columns(first, place.cols);
+            let dx = far.dx(first, place.cols);
+            let across = far.columns(dx);
             let mut dy = V::splat(-far.half.0);
             for (y, to) in to[..place.rows].iter_mut().enumerate() {
                 let row = &self.block.pixels[y * self.block.stride + first..];
                 let pixels = load::<V>(row, lanes).zero_below(tiny);
                 V::prefetch(row, 2 * V::LANES - 1); // the next panel; rows are too far apart for the hardware prefetcher
-                let polar = match self.near {
-                    Some((r, theta)) => {
+                let at = match self.coordinates {
+                    Coordinates::Given(r, theta) => {
                         let at = y * place.cols + first;
                         (load::<V>(&r[at..], lanes), load::<V>(&theta[at..], lanes))
                     }
-                    None => far.at(dy, across),
+                    Coordinates::FarPolar => far.at(dy, across),
+                    Coordinates::Cartesian => (dx, dy),
                 };
-                *to = [pixels, polar.0, polar.1];
+                *to = [pixels, at.0, at.1];
                 dy = dy + V::splat(1.0);
                 peak = peak.max(pixels.abs());
-                r = r.with(polar.0);
-                theta = theta.with(polar.1);
+                r = r.with(at.0);
+                theta = theta.with(at.1);
             }
             *extent = PanelExtent {
                 nonzero: peak.reduce_max() > 0.0,
@@ -150,11 +162,16 @@ impl<V: Lanes> FarPolar<V> {
         }
     }
 
-    /// Components along and across the ray of the columns from `first` on; lanes past the last repeat it.
+    /// Distance of the columns from `first` on from the block's centre, px; lanes past the last repeat it.
     #[inline(always)]
-    fn columns(&self, first: usize, cols: usize) -> (V, V) {
+    fn dx(&self, first: usize, cols: usize) -> V {
         let column = (V::iota() + V::splat(first as f32)).min(V::splat((cols - 1) as f32));
-        let dx = column - V::splat(self.half.1);
+        column - V::splat(self.half.1)
+    }
+
+    /// Components along and across the ray of the columns at `dx`.
+    #[inline(always)]
+    fn columns(&self, dx: V) -> (V, V) {
         (dx * self.cos, dx * self.sin)
     }
 

@@ -1,7 +1,9 @@
-//! Cubic B-spline interpolation on a unit grid: the interpolant by which PSFs are rotated and integrated.
+//! Cubic B-spline interpolation on a unit grid: the interpolant by which PSFs are rotated and integrated. Of maps over the film: [`tensor`].
 //!
 //! f(t) = Σ_i c_i β³(t − i) with the c_i chosen so that f(i) = f_i; outside the grid f is 0. Its error falls as h⁴ with a
 //! constant some 20 times below Catmull-Rom's (Thévenaz, Blu, Unser, "Interpolation revisited", IEEE TMI 19 (2000) 739).
+
+pub(crate) mod tensor;
 
 /// The four weights of β³ at fraction `f`: those of the coefficients i−1, i, i+1, i+2 for t = i + f.
 #[inline]
