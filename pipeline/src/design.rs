@@ -20,7 +20,9 @@ pub mod prescription;
 pub mod psf;
 pub mod pupil;
 pub mod rays;
+pub mod skew;
 pub mod tables;
+pub mod tolerance;
 
 pub use figures::{
     cardinal, crossing, describe, field_curvature, field_figures, image_circle, light, paraxial_rays,

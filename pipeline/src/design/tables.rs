@@ -3,10 +3,10 @@
 mod band_mean;
 pub mod depth;
 mod estimate;
-mod grid;
-mod kernels;
+pub(in crate::design) mod grid;
+pub(in crate::design) mod kernels;
 mod options;
-mod refine;
+pub(in crate::design) mod refine;
 mod shared_nodes;
 pub mod trace;
-mod window;
+pub(in crate::design) mod window;

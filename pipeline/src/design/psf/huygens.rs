@@ -2,7 +2,7 @@
 //!
 //! ```text
 //! U(X) = ∫∫ √(Φ J / N) e^{ik(W + L X + M Y)} dp dq      PSF = |U|²,   k = 2π/λ
-//! W = path − L (x − x₀) − M y       X, Y relative to the intersection (x₀, 0) of the chief ray with the film; (x, y) that of the ray
+//! W = path − L (x − x₀) − M (y − y₀)      X, Y relative to the intersection (x₀, y₀) of the chief ray with the film; (x, y) that of the ray
 //! J = |d(L, M)/d(p, q)|,   Φ = flux per dp dq,   (L, M, N) optical direction cosines in image space,
 //! times its index where the film lies in a glass
 //! ```
@@ -77,8 +77,8 @@ impl PsfGrid {
         scratch: &mut PsfScratch,
         out: &mut Vec<f32>,
     ) {
-        // Without rotation the two halves of the pupil are mirror images, and one is enough.
-        let mirrored = azimuth_rad == 0.0;
+        // Without rotation the two halves of a symmetric pupil are mirror images, and one is enough.
+        let mirrored = azimuth_rad == 0.0 && !f.is_whole;
         let wavelets = f.wavelets(self.reach_um(), azimuth_rad, !mirrored);
         self.sum(f, &wavelets, mirrored, scratch, out);
     }
@@ -98,7 +98,7 @@ impl PsfGrid {
             let (sin, cos) = real::sin_cos(-k * wavelet.l * shift_um);
             wavelet.c *= Complex::new(cos, sin);
         }
-        self.sum(f, &wavelets, true, scratch, out);
+        self.sum(f, &wavelets, !f.is_whole, scratch, out);
     }
 
     /// [`PsfGrid::psf_into`] from the wavelets of `f` for this window, with their mirror images if `mirrored`.

@@ -8,6 +8,8 @@
 //! ρ_i = (1 − cos(π (i + ½)/rings))/2,    θ_j = from + (to − from) (1 − cos(π (j + ½)/spokes))/2,    ρ as the slow index,
 //! ```
 //! as rows of W in µm, L, M, √(Φ J / N) · B², and Φ / N · B²; the last two are negative where an obscuration hides the light.
+//! Of lenses with rotational symmetry they are of the upper half of the pupil, θ in [0, π]. Of others ([`crate::design::skew`]) they are of the
+//! whole pupil, θ in [−π, π], and stand for the PSFs as they are stored, in the frames turned by their azimuths.
 
 use std::f64::consts::{PI, TAU};
 
@@ -21,22 +23,27 @@ use crate::lens::{PsfSample, PsfStack};
 /// Numbers that describe a segment: index of its height, rings, spokes, first and last angle in rad, the surface whose aperture is its rim (−1: none),
 /// centre of its domain on the meridian in pupil coordinates, and 1 or −1 for a part that an obscuration hides.
 pub const SEGMENT_NUMBERS: usize = 8;
+/// Numbers that describe a segment of a whole pupil: those above with both coordinates of the centre, along and across the meridian.
+pub const WHOLE_SEGMENT_NUMBERS: usize = 9;
 /// Rows of values of a segment.
 pub const VALUE_ROWS: usize = 5;
 /// Maximum of rings and of spokes; the trace has fewer than 100.
 const MAX_POINTS: f64 = 256.0;
-/// Maximum of segments of a height; 8 are the most of the built-in lenses.
+/// Maximum of segments of a PSF; 8 are the most of the built-in lenses.
 const MAX_SEGMENTS: usize = 64;
 /// Maximum of nodes of the quadrature of a PSF: over its samples (the PSFs of the built-in lenses have 0.1 to 0.2), and in addition.
 const MAX_NODES: (f64, f64) = (4.0, 1e5);
 
-/// Pupil functions of the heights of a band.
+/// Pupil functions of the PSFs of a band.
 #[derive(Clone, Debug, PartialEq)]
 pub struct PupilStack {
     size: usize,
     pitch_um: f64,
     functions: Vec<PupilFunction>,
 }
+
+/// Index of the number of a segment that only whole pupils have.
+const ACROSS: usize = 7;
 
 /// The values do not describe a pupil.
 #[derive(Clone, Debug, Error, PartialEq, Eq)]
@@ -63,9 +70,14 @@ impl PupilStack {
         self.pitch_um
     }
 
-    /// Number of heights.
+    /// Number of heights, or of PSFs where they are of whole pupils.
     pub fn heights(&self) -> usize {
         self.functions.len()
+    }
+
+    /// Whether the segments are of whole pupils: [`whole_parts`](Self::whole_parts), not [`parts`](Self::parts), describe them.
+    pub fn is_whole(&self) -> bool {
+        self.functions.first().is_some_and(|f| f.is_whole)
     }
 
     /// Computes the PSFs, each of sum 1, on the calling thread.
@@ -84,7 +96,7 @@ impl PupilStack {
                 let problem = format!("has directions finer than samples of {} µm resolve", self.pitch_um);
                 return Err(PupilError { segment, problem });
             }
-            grid.sum(f, &wavelets, true, &mut scratch.0, &mut scratch.1);
+            grid.sum(f, &wavelets, !f.is_whole, &mut scratch.0, &mut scratch.1);
             normalise(&scratch.1, out);
             segment += f.patches.len();
         }
@@ -94,13 +106,20 @@ impl PupilStack {
     /// [`SEGMENT_NUMBERS`] of every segment, and their values: segments × [`VALUE_ROWS`] × width, the width that of the segment of most points, NaN
     /// after the points of the others.
     pub fn parts(&self) -> (Vec<[f64; SEGMENT_NUMBERS]>, Vec<f64>) {
+        let (numbers, values) = self.whole_parts();
+        let half = |n: [f64; WHOLE_SEGMENT_NUMBERS]| std::array::from_fn(|i| n[i + usize::from(i >= ACROSS)]);
+        (numbers.into_iter().map(half).collect(), values)
+    }
+
+    /// [`WHOLE_SEGMENT_NUMBERS`] of every segment, the index that of the PSF, and their values as those of [`parts`](Self::parts).
+    pub fn whole_parts(&self) -> (Vec<[f64; WHOLE_SEGMENT_NUMBERS]>, Vec<f64>) {
         let patches =
             || self.functions.iter().enumerate().flat_map(|(k, f)| f.patches.iter().map(move |p| (k, p)));
         let width = patches().map(|(_, p)| p.rings * p.spokes).max().unwrap_or(0);
         let numbers = patches().map(|(k, p)| {
             let s = &p.segment;
             let limit = s.limit.map_or(-1.0, |surface| surface as f64);
-            [k as f64, p.rings as f64, p.spokes as f64, s.from, s.to, limit, s.centre, s.sign]
+            [k as f64, p.rings as f64, p.spokes as f64, s.from, s.to, limit, s.centre, s.across, s.sign]
         });
         let values = patches().flat_map(|(_, p)| &p.tables).flat_map(|table| {
             table.iter().copied().chain(std::iter::repeat_n(f64::NAN, width - table.len()))
@@ -119,12 +138,42 @@ impl PupilStack {
         segments: &[[f64; SEGMENT_NUMBERS]],
         values: &[f64],
     ) -> Result<Self, PupilError> {
+        let whole = |n: &[f64; SEGMENT_NUMBERS]| {
+            std::array::from_fn(|i| if i == ACROSS { 0.0 } else { n[i - usize::from(i > ACROSS)] })
+        };
+        let segments: Vec<[f64; WHOLE_SEGMENT_NUMBERS]> = segments.iter().map(whole).collect();
+        Self::build(wavelength_nm, (heights_mm, false), (size, pitch_um), &segments, values)
+    }
+
+    /// The inverse of [`whole_parts`](Self::whole_parts), for PSFs at `heights_mm`, one value each, of `size` samples of `pitch_um` a side.
+    ///
+    /// # Errors
+    /// As [`from_parts`](Self::from_parts).
+    pub fn from_whole_parts(
+        wavelength_nm: f64,
+        heights_mm: &[f64],
+        samples: (usize, f64),
+        segments: &[[f64; WHOLE_SEGMENT_NUMBERS]],
+        values: &[f64],
+    ) -> Result<Self, PupilError> {
+        Self::build(wavelength_nm, (heights_mm, true), samples, segments, values)
+    }
+
+    /// Of the PSFs at `heights_mm`, from segments of whole pupils if `is_whole`.
+    fn build(
+        wavelength_nm: f64,
+        (heights_mm, is_whole): (&[f64], bool),
+        (size, pitch_um): (usize, f64),
+        segments: &[[f64; WHOLE_SEGMENT_NUMBERS]],
+        values: &[f64],
+    ) -> Result<Self, PupilError> {
+        let first = if is_whole { -PI } else { 0.0 };
         let width = values.len() / VALUE_ROWS / segments.len().max(1);
         let mut patches: Vec<Vec<Patch>> = vec![Vec::new(); heights_mm.len()];
         let mut before = 0.0;
         for (index, numbers) in segments.iter().enumerate() {
             let invalid = |problem: String| PupilError { segment: index, problem };
-            let (segment, rings, spokes) = segment(numbers).map_err(invalid)?;
+            let (segment, rings, spokes) = segment(numbers, first).map_err(invalid)?;
             let k = numbers[0];
             if k < before || k >= heights_mm.len() as f64 || patches[k as usize].len() >= MAX_SEGMENTS {
                 return Err(invalid(format!(
@@ -156,7 +205,7 @@ impl PupilStack {
         let most = MAX_NODES.0 * (size * size) as f64 + MAX_NODES.1;
         let function = |(k, patches): (usize, Vec<Patch>)| {
             let pupil = Pupil { segments: patches.iter().map(|p| p.segment).collect() };
-            let f = PupilFunction::new(wavelength_nm / 1e3, pupil, patches, heights_mm[k]);
+            let f = PupilFunction::new(wavelength_nm / 1e3, (pupil, is_whole), patches, heights_mm[k]);
             let nodes = f.expected_nodes(pitch_um * (size / 2) as f64);
             match nodes <= most {
                 true => Ok(f),
@@ -188,9 +237,9 @@ fn rounded(v: f32) -> f32 {
     f32::from_bits((v.to_bits() + 0x80) & !0xff)
 }
 
-/// The segment of `numbers`, its rings and spokes.
-fn segment(numbers: &[f64; SEGMENT_NUMBERS]) -> Result<(Segment, usize, usize), String> {
-    let &[height, rings, spokes, from, to, limit, centre, sign] = numbers;
+/// The segment of `numbers`, its rings and spokes; angles are from `first` on.
+fn segment(numbers: &[f64; WHOLE_SEGMENT_NUMBERS], first: f64) -> Result<(Segment, usize, usize), String> {
+    let &[height, rings, spokes, from, to, limit, centre, across, sign] = numbers;
     let is_whole = |v: f64| v.fract() == 0.0;
     if !(is_whole(height) && height >= 0.0 && is_whole(limit) && (-1.0..=1e6).contains(&limit)) {
         return Err(format!(
@@ -201,14 +250,18 @@ fn segment(numbers: &[f64; SEGMENT_NUMBERS]) -> Result<(Segment, usize, usize), 
     if !(is_count(rings) && is_count(spokes)) {
         return Err(format!("has {rings} rings and {spokes} spokes, expected 2 to {MAX_POINTS}"));
     }
-    if !(0.0 <= from && from < to && to <= PI) {
-        return Err(format!("is from {from} to {to} rad, expected ascending angles from 0 to π"));
+    if !(first <= from && from < to && to <= PI) {
+        let first = if first < 0.0 { "-π" } else { "0" };
+        return Err(format!("is from {from} to {to} rad, expected ascending angles from {first} to π"));
     }
     if !(sign.abs() == 1.0 && centre.abs() <= 1.0) {
         return Err(format!("has sign {sign} and centre {centre}, expected 1 or -1, and -1 to 1"));
     }
+    if across.is_nan() || across.abs() > 1.0 {
+        return Err(format!("has the centre {across} across the meridian, expected -1 to 1"));
+    }
     let limit = (limit >= 0.0).then_some(limit as usize);
-    Ok((Segment { from, to, limit, centre, sign }, rings as usize, spokes as usize))
+    Ok((Segment { from, to, limit, centre, across, sign }, rings as usize, spokes as usize))
 }
 
 impl PupilFunction {

@@ -46,12 +46,13 @@ struct Spokes {
 
 impl PupilFunction {
     /// Wavelets dense enough for a window of ± `reach_um` in x and y, rotated by `azimuth_rad`; `mirrored` adds the lower half of the
-    /// pupil.
+    /// pupil, if this function has only the upper one.
     pub fn wavelets(&self, reach_um: f64, azimuth_rad: f64, mirrored: bool) -> Vec<Wavelet> {
         let k = 2.0 * PI / self.wavelength_um;
         let corner = std::f64::consts::SQRT_2 * reach_um;
         let (sin, cos) = real::sin_cos(azimuth_rad);
-        let middle = 0.5 * (self.extent.0 + self.extent.1);
+        let mirrored = mirrored && !self.is_whole;
+        let middle = self.extent.map(|(least, most)| 0.5 * (least + most));
         let mut out = Vec::new();
         for patch in &self.patches {
             let to_ring = lagrange(patch.rings, 0.0, 1.0);
@@ -72,7 +73,7 @@ impl PupilFunction {
                     for (i, weight_in_theta) in spokes.weights.iter().enumerate() {
                         let (sin_w, cos_w) = real::sin_cos(k * w[i]);
                         let c = Complex::new(cos_w, sin_w) * (amplitude[i] * weight * weight_in_theta);
-                        let (l, m) = (l[i] - middle, m[i]);
+                        let (l, m) = (l[i] - middle[0], m[i] - middle[1]);
                         out.push(Wavelet { l: l * cos - m * sin, m: l * sin + m * cos, c });
                         if mirrored {
                             out.push(Wavelet { l: l * cos + m * sin, m: l * sin - m * cos, c });

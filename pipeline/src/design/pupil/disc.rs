@@ -8,7 +8,7 @@
 use std::f64::consts::PI;
 
 use super::chebyshev::{Lagrange, chebyshev, lagrange};
-use super::function::{MAX_REACH_UM, Patch, PupilFunction, RHO, Sampler, THETA, with_ray_values};
+use super::function::{MAX_REACH_UM, Patch, PupilFunction, RHO, Rims, Sampler, THETA, with_ray_values};
 use super::openings::{Openings, Overshoot, Pupil, Segment};
 use crate::design::prescription::error::DesignError;
 use crate::design::rays::ray::Tracer;
@@ -53,9 +53,9 @@ impl Disc {
         points: Option<(usize, usize)>,
     ) -> Result<Self, DesignError> {
         let chief = tracer.ray(tan, 0.0, 0.0)?;
-        let openings = Openings { over: None, hidden: None };
         let patch = with_ray_values(tracer, tan, &chief, |values| {
-            Sampler { wavelength_um: tracer.wavelength_um, openings, values }.open_patch(points)
+            let rims: &Rims<'_> = &|_, angles| vec![1.0; angles.len()];
+            Sampler { wavelength_um: tracer.wavelength_um, rims, values }.open_patch(points)
         })?;
         let uneven = || tracer.ray_error(tan, 0.0, 0.0, NOT_SMOOTH.to_owned());
         let patch = patch.ok_or_else(uneven)?;
@@ -212,10 +212,13 @@ impl Disc {
         };
         let patches = match pupil.segments == [self.patch.segment] {
             true => vec![self.patch.clone()],
-            false => Sampler { wavelength_um: self.wavelength_um, openings, values: &values }
-                .patches(&pupil, nearby)?,
+            false => {
+                let rims: &Rims<'_> = &|s, angles| s.radii(openings, angles.iter().copied());
+                Sampler { wavelength_um: self.wavelength_um, rims, values: &values }
+                    .patches(&pupil, nearby)?
+            }
         };
-        Ok(Some(PupilFunction::new(self.wavelength_um, pupil, patches, self.height_mm)))
+        Ok(Some(PupilFunction::new(self.wavelength_um, (pupil, false), patches, self.height_mm)))
     }
 }
 

@@ -45,8 +45,9 @@ impl PupilFunction {
             around += sign * length;
             blur = blur.max(shift);
         }
-        // The lower half of the pupil is the mirror image of the upper one.
-        Edge { tail_um: self.wavelength_um * 2.0 * around / (4.0 * PI.powi(3) * self.power()), blur_um: blur }
+        // The lower half of the pupil may be the mirror image of the upper one.
+        let around = self.parts() * around;
+        Edge { tail_um: self.wavelength_um * around / (4.0 * PI.powi(3) * self.power()), blur_um: blur }
     }
 }
 

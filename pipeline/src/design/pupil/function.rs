@@ -5,12 +5,14 @@
 //! ```
 //! All are smooth over each segment of the pupil ([`super::openings`]): they are interpolated from rays at Chebyshev points of (ρ, θ), as
 //! many in each direction as it needs. The error is checked at rays in between, in ρ alone, in θ alone, and in both.
+//! Of a pupil that is symmetric about the meridian the function has the upper half, θ in [0, π]; of any other the whole, θ in (−π, π]
+//! ([`crate::design::skew::pupil`]).
 
 use crate::real;
 use std::f64::consts::PI;
 
 use super::chebyshev::{chebyshev, lagrange};
-use super::openings::{Openings, Pupil, Segment, with_openings};
+use super::openings::{Pupil, Segment, with_openings};
 use super::quadrature::unit_interval;
 use crate::design::prescription::error::DesignError;
 use crate::design::rays::ray::{ImageRay, Tracer};
@@ -20,7 +22,7 @@ const SMOOTH_TOLERANCE: f64 = 1e-5;
 /// Maximum half-width of a window for the phase tolerance, µm: 401 film pixels of 2 µm.
 pub(super) const MAX_REACH_UM: f64 = 401.0;
 
-/// Points that a direction begins with (ρ, θ), and those from which on it is not refined.
+/// Points that a direction begins with (ρ, θ), and those from which on it is not refined; twice as many in θ for more than a half circle.
 const POINTS: [(usize, usize); 2] = [(12, 14), (60, 70)];
 /// Places between the points where the error is determined: ρ, and the share of the segment in θ.
 pub(super) const RHO: [f64; 4] = [0.013, 0.51, 0.96, 0.999];
@@ -31,7 +33,7 @@ const MAX_RAYS: u32 = 500_000;
 /// Energy at or below which a pupil is dark; that of a lens in units of mm² is near 1, and smaller ones would be lost in rounding.
 const LEAST_ENERGY: f64 = 1e-100;
 
-/// The pupil function of a field point: phase, direction cosines and amplitude over the open pupil's upper half.
+/// The pupil function of a field point: phase, direction cosines and amplitude over the open pupil, or over its upper half.
 #[derive(Clone, Debug, PartialEq)]
 pub struct PupilFunction {
     /// Wavelength, µm.
@@ -42,8 +44,10 @@ pub struct PupilFunction {
     energy: f64,
     /// Real chief-ray height, mm.
     pub height_mm: f64,
-    /// Extent of the direction cosines: minimum of L, maximum of L, maximum of M.
-    pub extent: (f64, f64, f64),
+    /// Extent of the direction cosines: minimum and maximum of L, and of M.
+    pub extent: [(f64, f64); 2],
+    /// Whether the segments are of the whole pupil: else the lower half is the mirror image of the upper one.
+    pub is_whole: bool,
 }
 
 /// One segment of the pupil on a Chebyshev grid, θ as the fast index.
@@ -76,7 +80,10 @@ impl Errors {
 }
 
 /// Phase [µm], direction cosines, amplitude and flux / N at pupil coordinates (p, q).
-pub(super) type Values<'a> = dyn Fn(f64, f64) -> Result<[f64; 5], DesignError> + 'a;
+pub(in crate::design) type Values<'a> = dyn Fn(f64, f64) -> Result<[f64; 5], DesignError> + 'a;
+
+/// B(θ) of a segment at ascending angles.
+pub(in crate::design) type Rims<'a> = dyn Fn(&Segment, &[f64]) -> Vec<f64> + 'a;
 
 /// Calls `with` with the values of the rays of the field point at `tan`, whose chief ray is given.
 pub(super) fn with_ray_values<T>(
@@ -88,28 +95,45 @@ pub(super) fn with_ray_values<T>(
     with(&|p, q| {
         let r = tracer.ray(tan, p, q)?;
         let (dx, dy) = (r.x.v - chief.x.v, r.y.v);
-        let path = r.path.v - chief.path.v - r.l.v * dx - r.m.v * dy;
-        Ok([path * 1e3, r.l.v, r.m.v, (r.flux * r.solid_angle() / r.n).sqrt(), r.flux / r.n])
+        Ok(ray_values(&r, chief, (dx, dy)))
     })
 }
 
+/// The values of `r`, which lands at (dx, dy) mm from `chief`.
+pub(in crate::design) fn ray_values(r: &ImageRay, chief: &ImageRay, (dx, dy): (f64, f64)) -> [f64; 5] {
+    let path = r.path.v - chief.path.v - r.l.v * dx - r.m.v * dy;
+    [path * 1e3, r.l.v, r.m.v, (r.flux * r.solid_angle() / r.n).sqrt(), r.flux / r.n]
+}
+
 /// Samples of the pupil function of one field point.
-pub(super) struct Sampler<'a> {
-    pub(super) wavelength_um: f64,
-    pub(super) openings: Openings<'a>,
-    pub(super) values: &'a Values<'a>,
+pub(in crate::design) struct Sampler<'a> {
+    pub(in crate::design) wavelength_um: f64,
+    pub(in crate::design) rims: &'a Rims<'a>,
+    pub(in crate::design) values: &'a Values<'a>,
+}
+
+/// Whether a segment is more than half a circle: its two halves are then examined like two segments.
+fn is_wide(segment: &Segment) -> bool {
+    segment.to - segment.from > PI
+}
+
+/// Number of parts of a pupil like that of its segments: 1, or 2 halves.
+fn parts(is_whole: bool) -> f64 {
+    if is_whole { 1.0 } else { 2.0 }
+}
+
+/// Points of `segment` to begin with, and those from which on it is not refined.
+fn points(segment: &Segment) -> [(usize, usize); 2] {
+    let halves = if is_wide(segment) { 2 } else { 1 };
+    POINTS.map(|(rings, spokes)| (rings, halves * spokes))
 }
 
 impl Sampler<'_> {
-    /// Rim of `segment` at ascending angles.
-    fn rims(&self, segment: &Segment, angles: &[f64]) -> Vec<f64> {
-        segment.radii(self.openings, angles.iter().copied())
-    }
-
     /// The values of [`Patch::tables`] at (ρ, θ) of `segment` with the rim `b`.
     fn at(&self, segment: &Segment, rho: f64, theta: f64, b: f64) -> Result<[f64; 5], DesignError> {
         let (s, c) = real::sin_cos(theta);
-        let [w, l, m, amplitude, flux] = (self.values)(segment.centre + rho * b * c, rho * b * s)?;
+        let [w, l, m, amplitude, flux] =
+            (self.values)(segment.centre + rho * b * c, segment.across + rho * b * s)?;
         let area = segment.sign * b * b;
         Ok([w, l, m, amplitude * area, flux * area])
     }
@@ -117,7 +141,7 @@ impl Sampler<'_> {
     /// The patch of `segment` on a grid of `rings` × `spokes`.
     fn patch(&self, segment: Segment, (rings, spokes): (usize, usize)) -> Result<Patch, DesignError> {
         let (rho, theta) = (chebyshev(rings, 0.0, 1.0), chebyshev(spokes, segment.from, segment.to));
-        let rims = self.rims(&segment, &theta);
+        let rims = (self.rims)(&segment, &theta);
         let mut tables = [const { Vec::new() }; 5];
         for r in &rho {
             for (t, b) in std::iter::zip(&theta, &rims) {
@@ -132,7 +156,7 @@ impl Sampler<'_> {
     fn error(&self, patch: &Patch, rho: &[f64], theta: &[f64]) -> Result<f64, DesignError> {
         let errors = Errors::new(self.wavelength_um, patch);
         let mut worst = 0.0_f64;
-        for (t, b) in theta.iter().zip(self.rims(&patch.segment, theta)) {
+        for (t, b) in theta.iter().zip((self.rims)(&patch.segment, theta)) {
             for r in rho {
                 let expected = self.at(&patch.segment, *r, *t, b)?;
                 worst = worst.max(errors.worst(&patch.at(*r, *t), &expected));
@@ -147,7 +171,12 @@ impl Sampler<'_> {
         segment: Segment,
         mut points: (usize, usize),
     ) -> Result<Patch, DesignError> {
-        let between = THETA.map(|t| segment.from + t * (segment.to - segment.from));
+        let at = |share: f64| segment.from + share * (segment.to - segment.from);
+        let between: Vec<f64> = match is_wide(&segment) {
+            false => THETA.map(at).to_vec(),
+            true => [0.0, 0.5].iter().flat_map(|half| THETA.map(|t| at(half + 0.5 * t))).collect(),
+        };
+        let [_, most] = self::points(&segment);
         loop {
             let patch = self.patch(segment, points)?;
             if self.error(&patch, &RHO, &between)? < 1.0 {
@@ -155,13 +184,20 @@ impl Sampler<'_> {
             }
             let (rings, spokes) = points;
             let (rho, theta) = (chebyshev(rings, 0.0, 1.0), chebyshev(spokes, segment.from, segment.to));
-            let in_rho = self.error(&patch, &RHO, &[theta[1], theta[spokes / 2], theta[spokes - 2]])?;
+            let along =
+                [theta[1], theta[spokes / 4], theta[spokes / 2], theta[3 * spokes / 4], theta[spokes - 2]];
+            let in_rho = match is_wide(&segment) {
+                false => self.error(&patch, &RHO, &[along[0], along[2], along[4]])?,
+                true => self.error(&patch, &RHO, &along)?,
+            };
             let in_theta = self.error(&patch, &[rho[rings / 2], rho[rings - 1]], &between)?;
             let (grow_rings, grow_spokes) =
                 (in_rho > 0.5 || in_theta <= 0.5, in_theta > 0.5 || in_rho <= 0.5);
+            // No place of the check may be where more rings are needed.
+            let grow_rings = grow_rings || (is_wide(&segment) && spokes >= most.1);
             points = (
-                if grow_rings && rings < POINTS[1].0 { rings * 4 / 3 } else { rings },
-                if grow_spokes && spokes < POINTS[1].1 { spokes * 4 / 3 } else { spokes },
+                if grow_rings && rings < most.0 { rings * 4 / 3 } else { rings },
+                if grow_spokes && spokes < most.1 { spokes * 4 / 3 } else { spokes },
             );
             if points == (rings, spokes) {
                 return Ok(patch);
@@ -185,8 +221,10 @@ impl Sampler<'_> {
         nearby: Option<&PupilFunction>,
     ) -> Result<Vec<Patch>, DesignError> {
         let like = nearby.filter(|f| f.pupil.has_rims_of(pupil));
-        let points = |i: usize| like.map_or(POINTS[0], |f| (f.patches[i].rings, f.patches[i].spokes));
-        pupil.segments.iter().enumerate().map(|(i, s)| self.accurate_patch(*s, points(i))).collect()
+        let first = |(i, s): (usize, &Segment)| {
+            like.map_or(points(s)[0], |f| (f.patches[i].rings, f.patches[i].spokes))
+        };
+        pupil.segments.iter().enumerate().map(|s| self.accurate_patch(*s.1, first(s))).collect()
     }
 }
 
@@ -209,48 +247,83 @@ impl PupilFunction {
             let chief = tracer.ray(tan, 0.0, 0.0)?;
             let patches = with_openings(tracer, tan, |openings| {
                 with_ray_values(tracer, tan, &chief, |values| {
-                    let sampler = Sampler { wavelength_um: tracer.wavelength_um, openings, values };
+                    let rims: &Rims<'_> = &|s, angles| s.radii(openings, angles.iter().copied());
+                    let sampler = Sampler { wavelength_um: tracer.wavelength_um, rims, values };
                     sampler.patches(&pupil, nearby)
                 })
             })?;
-            let function = Self::new(tracer.wavelength_um, pupil, patches, chief.x.v);
-            match function.energy > LEAST_ENERGY {
-                true => Ok(function),
-                false => Err(DesignError::Dark { wavelength_um: tracer.wavelength_um }),
-            }
+            Self::new(tracer.wavelength_um, (pupil, false), patches, chief.x.v).lit()
         })
     }
 
+    /// Of the patches of `pupil`: of the whole pupil, or of its upper half.
     pub(in crate::design) fn new(
         wavelength_um: f64,
-        pupil: Pupil,
+        (pupil, is_whole): (Pupil, bool),
         patches: Vec<Patch>,
         height_mm: f64,
     ) -> Self {
         let energy: f64 = patches.iter().map(|patch| patch.flux(&pupil)).sum();
-        let energy = 2.0 * wavelength_um * wavelength_um * energy;
         let extent = |table: usize, pick: fn(f64, f64) -> f64, first: f64| {
             patches.iter().flat_map(|p| &p.tables[table]).fold(first, |a, v| pick(a, *v))
         };
-        let extent = (
-            extent(1, f64::min, f64::INFINITY),
-            extent(1, f64::max, f64::NEG_INFINITY),
-            extent(2, f64::max, 0.0),
-        );
-        Self { wavelength_um, pupil, patches, energy, height_mm, extent }
+        let range =
+            |table| (extent(table, f64::min, f64::INFINITY), extent(table, f64::max, f64::NEG_INFINITY));
+        let across = match is_whole {
+            true => range(2),
+            false => {
+                let most = extent(2, f64::max, 0.0);
+                (-most, most)
+            }
+        };
+        let extent = [range(1), across];
+        let energy = parts(is_whole) * wavelength_um * wavelength_um * energy;
+        Self { wavelength_um, pupil, patches, energy, height_mm, extent, is_whole }
+    }
+
+    /// This function.
+    ///
+    /// # Errors
+    /// [`DesignError::Dark`] if no light passes.
+    pub(in crate::design) fn lit(self) -> Result<Self, DesignError> {
+        match self.energy > LEAST_ENERGY {
+            true => Ok(self),
+            false => Err(DesignError::Dark { wavelength_um: self.wavelength_um }),
+        }
+    }
+
+    /// Number of parts of the pupil like that of the segments: 1, or 2 halves.
+    pub(super) fn parts(&self) -> f64 {
+        parts(self.is_whole)
+    }
+
+    /// The function of a film that is turned by −`azimuth_rad`: its PSF is turned by `azimuth_rad` (row down: from +x towards +y).
+    #[must_use]
+    pub(in crate::design) fn turned(mut self, azimuth_rad: f64) -> Self {
+        let (sin, cos) = real::sin_cos(azimuth_rad);
+        let patches = std::mem::take(&mut self.patches).into_iter().map(|patch| {
+            let Patch { segment, rings, spokes, tables: [w, mut l, mut m, amplitude, flux], .. } = patch;
+            for (l, m) in l.iter_mut().zip(&mut m) {
+                (*l, *m) = (*l * cos - *m * sin, *l * sin + *m * cos);
+            }
+            Patch::new(segment, rings, spokes, [w, l, m, amplitude, flux])
+        });
+        let patches = patches.collect();
+        Self::new(self.wavelength_um, (self.pupil, true), patches, self.height_mm)
     }
 
     /// Nyquist pitch of the PSF: λ over twice the larger extent of the direction cosines, µm.
     pub fn nyquist_um(&self) -> f64 {
-        let (a, b, m) = self.extent;
-        self.wavelength_um / (2.0 * (b - a).max(2.0 * m))
+        let [along, across] = self.extent.map(|(least, most)| most - least);
+        self.wavelength_um / (2.0 * along.max(across))
     }
 
     /// Share of the total energy on a sample of `pitch_um` at the peak of the PSF that the same amplitudes have in one phase: the denominator
     /// of the Strehl ratio.
     pub fn ideal_peak(&self, pitch_um: f64) -> f64 {
         let amplitude: f64 = self.patches.iter().map(|patch| patch.integral(3, &self.pupil)).sum();
-        self.share(pitch_um) * (2.0 * amplitude) * (2.0 * amplitude)
+        let amplitude = self.parts() * amplitude;
+        self.share(pitch_um) * amplitude * amplitude
     }
 
     /// ∬ |A|² dL dM = ∬ Φ/N dp dq over the whole pupil.
@@ -329,7 +402,7 @@ impl Patch {
     }
 
     /// The values at (ρ, θ).
-    pub(super) fn at(&self, rho: f64, theta: f64) -> [f64; 5] {
+    pub(in crate::design) fn at(&self, rho: f64, theta: f64) -> [f64; 5] {
         let fine = self.along_theta(&[(theta, 1.0)]);
         let w = lagrange(self.rings, 0.0, 1.0).weights(rho);
         fine.map(|column| column.iter().zip(&w).map(|(a, b)| a * b).sum())

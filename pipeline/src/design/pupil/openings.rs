@@ -50,31 +50,43 @@ pub struct Segment {
     pub to: f64,
     /// The surface whose aperture is the rim; `None` = the unit circle.
     pub limit: Option<usize>,
-    /// Centre of its domain on the meridian.
+    /// Centre of its domain, along the meridian.
     pub centre: f64,
+    /// Centre of its domain across the meridian: 0 where the pupil is symmetric about it.
+    pub across: f64,
     /// 1, or −1 for a part that an obscuration hides.
     pub sign: f64,
 }
 
 impl Segment {
     /// The upper half of the unit circle.
-    pub(super) const OPEN: Self = Self { from: 0.0, to: PI, limit: None, centre: 0.0, sign: 1.0 };
+    pub(super) const OPEN: Self =
+        Self { from: 0.0, to: PI, limit: None, centre: 0.0, across: 0.0, sign: 1.0 };
+    /// The whole unit circle.
+    pub(in crate::design) const WHOLE: Self = Self { from: -PI, ..Self::OPEN };
 
     fn is_open(&self) -> bool {
-        *self == Self::OPEN
+        *self == Self::OPEN || *self == Self::WHOLE
     }
 
     /// Angles with their weights for an integrand whose phase changes by at most `change` per radian.
     pub(in crate::design) fn angles(&self, change: f64) -> Vec<(f64, f64)> {
         if self.is_open() {
             // The midpoint rule converges from one angle per period on; the additional ones reduce the error from O(1) to 1e-8.
-            return midpoints(rounded((change / 2.0 + 2.0 * real::cbrt(change)) as usize + 10));
+            return self.midpoints(rounded((change / 2.0 + 2.0 * real::cbrt(change)) as usize + 10));
         }
         let span = self.to - self.from;
         oscillating(change * span).iter().map(|(t, w)| (self.from + span * t, span * w)).collect()
     }
 
-    /// B(θ) at ascending angles, to 1e-9.
+    /// The midpoint rule of `spokes` angles on the half circle.
+    fn midpoints(&self, spokes: usize) -> Vec<(f64, f64)> {
+        let step = PI / spokes as f64;
+        let count = if *self == Self::WHOLE { 2 * spokes } else { spokes };
+        (0..count).map(|i| (self.from + (i as f64 + 0.5) * step, step)).collect()
+    }
+
+    /// B(θ) of a pupil that is symmetric about the meridian at ascending angles, to 1e-9.
     pub(super) fn radii(&self, openings: Openings<'_>, angles: impl Iterator<Item = f64>) -> Vec<f64> {
         let over = if self.sign > 0.0 { openings.over } else { openings.hidden };
         let Some(over) = over.filter(|_| !self.is_open()) else { return angles.map(|_| 1.0).collect() };
@@ -93,10 +105,11 @@ impl Segment {
     }
 }
 
-/// The open part of the pupil, upper half.
+/// The open part of the pupil: its upper half where it is symmetric about the meridian, else the whole
+/// ([`crate::design::skew::opening`]).
 #[derive(Clone, Debug, PartialEq)]
 pub struct Pupil {
-    /// Segments of θ from 0 to π: of the part within the apertures, then of that behind obscurations.
+    /// Segments of θ from 0 or −π to π: of the part within the apertures, then of that behind obscurations.
     pub segments: Vec<Segment>,
 }
 
@@ -194,19 +207,13 @@ impl Pupil {
     /// Angles of a segment with their weights; `spokes` is the number on the half circle.
     pub fn angles(&self, segment: &Segment, spokes: usize) -> Vec<(f64, f64)> {
         if segment.is_open() {
-            return midpoints(spokes);
+            return segment.midpoints(spokes);
         }
         let span = segment.to - segment.from;
         // Gauss-Legendre needs π/2 times the midpoint rule's density.
         let n = rounded((spokes as f64 * span / PI * 1.6).ceil() as usize + 6);
         unit_interval(n).iter().map(|(t, w)| (segment.from + span * t, span * w)).collect()
     }
-}
-
-/// The midpoint rule on the half circle.
-fn midpoints(spokes: usize) -> Vec<(f64, f64)> {
-    let step = PI / spokes as f64;
-    (0..spokes).map(|i| ((i as f64 + 0.5) * step, step)).collect()
 }
 
 fn scan() -> Vec<f64> {
@@ -298,7 +305,7 @@ impl Domain<'_> {
             .collect();
         let mut from = 0.0;
         let mut close = |to: f64, limit: Option<usize>| {
-            segments.push(Segment { from, to, limit, centre: self.centre, sign });
+            segments.push(Segment { from, to, limit, centre: self.centre, across: 0.0, sign });
             from = to;
         };
         for i in 1..SCAN {

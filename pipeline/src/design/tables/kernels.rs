@@ -76,7 +76,7 @@ impl<'a> Kernels<'a> {
     }
 
     /// The kernel of sum 1 of `pupil`, rotated by `azimuth` [rad].
-    fn compute(
+    pub(in crate::design) fn compute(
         &self,
         pupil: &PupilFunction,
         azimuth: f64,

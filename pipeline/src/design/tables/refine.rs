@@ -39,7 +39,7 @@ pub(super) struct CellError {
 }
 
 /// Rounds up to a multiple of 8: seven of eight kernels of a height are then flips and transposes of the others.
-pub(super) fn round_azimuths(j: f64) -> usize {
+pub(in crate::design) fn round_azimuths(j: f64) -> usize {
     (j.clamp(8.0, MAX_AZIMUTHS as f64) as usize).next_multiple_of(8)
 }
 

@@ -42,7 +42,7 @@ struct Nodes {
 
 impl SharedNodes {
     /// The nodes of the band at `nm`.
-    pub(super) fn choose(
+    pub(in crate::design) fn choose(
         &mut self,
         trace: &LensTrace<'_>,
         nm: f64,

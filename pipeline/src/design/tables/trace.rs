@@ -97,7 +97,7 @@ pub struct BandReport {
 }
 
 /// What PSFs of a wavelength are computed with.
-pub(super) struct Sampled<'t> {
+pub(in crate::design) struct Sampled<'t> {
     pub(super) pupils: Pupils<'t>,
     last_mm: f64,
     /// The heights that `pupils` were made with, mm.
@@ -105,11 +105,11 @@ pub(super) struct Sampled<'t> {
     /// The edges of the pupils there, for tails.
     edges: Option<Vec<Edge>>,
     /// Window and samples of the PSFs, and those for the choice of nodes.
-    window_px: usize,
-    grid: PsfGrid,
+    pub(in crate::design) window_px: usize,
+    pub(in crate::design) grid: PsfGrid,
     /// Samples along a side of windows without tails, which the budget of nodes is for: nodes are the same with tails.
     budget_side: usize,
-    pub(super) core_px: usize,
+    pub(in crate::design) core_px: usize,
     pub(super) core: PsfGrid,
 }
 
@@ -277,12 +277,13 @@ impl<'a> LensTrace<'a> {
             solid_angle_sr: light[0] / transmission,
             transmission,
             tail: tail.and_then(Result::ok),
+            planar: None,
         };
         Ok(TracedBand { tables, psf: stack.0, pupils, report })
     }
 
     /// Pupil functions, samples and windows of a wavelength.
-    pub(super) fn sampled<'t>(
+    pub(in crate::design) fn sampled<'t>(
         &self,
         tracer: &'t Tracer<'t>,
         report: &mut dyn FnMut(&'static str, usize),
@@ -381,7 +382,7 @@ impl<'a> LensTrace<'a> {
 }
 
 /// The largest part of the film pitch, µm, that is 10 % finer than `nyquist_um`.
-pub(super) fn pitch_below(options: &TraceOptions, nyquist_um: f64) -> f64 {
+pub(in crate::design) fn pitch_below(options: &TraceOptions, nyquist_um: f64) -> f64 {
     options.film_pitch_um / (options.film_pitch_um / (0.9 * nyquist_um)).ceil()
 }
 

@@ -15,7 +15,7 @@ use super::options::TraceOptions;
 use super::refine::max_side;
 use crate::design::prescription::error::DesignError;
 use crate::design::psf::tails::CLEAR;
-use crate::design::psf::{PsfGrid, PsfScratch};
+use crate::design::psf::{PsfGrid, PsfScratch, PupilFunction};
 use crate::design::pupil::bundle::Bundle;
 use crate::design::pupil::pupils::Pupils;
 use crate::design::rays::ray::Tracer;
@@ -29,7 +29,7 @@ const CORE_LIGHT: f64 = 0.95;
 
 /// Samples to either side and pitch [µm] of PSFs whose kernels of `core_px` pixels are compared, not kept: coarser than `pitch_um` where a film
 /// pixel has at least two samples a side.
-pub(super) fn core_samples(core_px: usize, film_pitch_um: f64, pitch_um: f64) -> (usize, f64) {
+pub(in crate::design) fn core_samples(core_px: usize, film_pitch_um: f64, pitch_um: f64) -> (usize, f64) {
     let coarse_um = (COARSER * pitch_um).min(0.5 * film_pitch_um).max(pitch_um);
     (half_samples(core_px, film_pitch_um, coarse_um), coarse_um)
 }
@@ -53,11 +53,11 @@ const LARGE_PX: usize = 31;
 
 /// Windows of a band, odd numbers of film pixels.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub(super) struct Windows {
+pub(in crate::design) struct Windows {
     /// That of its PSFs.
-    pub(super) px: usize,
+    pub(in crate::design) px: usize,
     /// That in which errors of kernels are measured.
-    pub(super) core_px: usize,
+    pub(in crate::design) core_px: usize,
 }
 
 /// The windows of a band.
@@ -69,10 +69,6 @@ pub(super) fn window(
 ) -> Result<Windows, DesignError> {
     let (film, max) = (options.film_pitch_um, options.max_window_px);
     let allowed = options.energy.min(1.0 - MAX_LEFT_OUT);
-    let fail = |height_mm: f64, held: f64| {
-        let (requested, wavelength_um) = (allowed, tracer.wavelength_um);
-        DesignError::Window { max_px: max, height_mm, wavelength_um, held, requested }
-    };
     let bundles: Vec<(f64, Bundle)> = heights
         .par_iter()
         .step_by(3)
@@ -84,20 +80,40 @@ pub(super) fn window(
     if let Some((height, bundle)) = worst
         && 1.0 - widest(bundle) < allowed - 0.05
     {
-        return Err(fail(*height, 1.0 - widest(bundle)));
+        return Err(too_wide(options, tracer.wavelength_um, *height, 1.0 - widest(bundle)));
     }
-    let budget = odd_pixels(max_side(options), pitch_um, film).min(max);
     let expected = expected(options, bundles.iter().map(|(_, b)| b), pitch_um).px;
     let spare = |um: f64, least: f64| (um / film).clamp(least, um / FINE_UM) as usize;
     let first = spare(FIRST_UM, 9.0);
-    let mut px = (expected + expected / 4 + spare(SPARE_UM, 2.0)).clamp(first, max.max(first)).min(max) | 1;
+    let px = (expected + expected / 4 + spare(SPARE_UM, 2.0)).clamp(first, max.max(first));
+    let functions: Vec<(f64, &PupilFunction)> = heights.iter().map(|h| (*h, pupils.at(*h))).collect();
+    search(options, &functions, pitch_um, px)
+}
+
+/// The error of a window that does not hold enough light at any size.
+fn too_wide(options: &TraceOptions, wavelength_um: f64, height_mm: f64, held: f64) -> DesignError {
+    let requested = options.energy.min(1.0 - MAX_LEFT_OUT);
+    DesignError::Window { max_px: options.max_window_px, height_mm, wavelength_um, held, requested }
+}
+
+/// The windows of the PSFs of `functions` at their heights (mm); windows of `first` film pixels are examined first.
+pub(in crate::design) fn search(
+    options: &TraceOptions,
+    functions: &[(f64, &PupilFunction)],
+    pitch_um: f64,
+    first: usize,
+) -> Result<Windows, DesignError> {
+    let (film, max) = (options.film_pitch_um, options.max_window_px);
+    let allowed = options.energy.min(1.0 - MAX_LEFT_OUT);
+    let budget = odd_pixels(max_side(options), pitch_um, film).min(max);
+    let mut px = first.min(max) | 1;
     loop {
         let coarse_um = COARSER * pitch_um;
         let grid = PsfGrid::new(half_samples(px, film, coarse_um) + 1, coarse_um);
-        let shares: Vec<Vec<f64>> = heights
+        let shares: Vec<Vec<f64>> = functions
             .par_iter()
-            .map_init(<(PsfScratch, Vec<f32>)>::default, |(scratch, psf), h| {
-                grid.psf_into(pupils.at(*h), 0.0, scratch, psf);
+            .map_init(<(PsfScratch, Vec<f32>)>::default, |(scratch, psf), (_, function)| {
+                grid.psf_into(function, 0.0, scratch, psf);
                 let held = squares(psf, grid.size());
                 (0..=px / 2).map(|i| within(&held, (2 * i + 1) as f64 * film / coarse_um)).collect()
             })
@@ -113,15 +129,18 @@ pub(super) fn window(
             (_, Some(w)) if w.max(budget) < px => Some(w.max(budget)),
             (requested, _) => requested,
         };
-        let (height, held) = heights
+        let (height, held) = functions
             .iter()
             .zip(&shares)
-            .map(|(h, held)| (*h, held[px / 2]))
+            .map(|((h, _), held)| (*h, held[px / 2]))
             .fold((0.0, 1.0), |a, b| if b.1 < a.1 { b } else { a });
         match found {
             // Margin for field points between the sampled ones.
             Some(w) => return Ok(windows((w + 2).min(max))),
-            None if px >= max && held < allowed => return Err(fail(height, held)),
+            None if px >= max && held < allowed => {
+                let wavelength_um = functions.first().map_or(0.0, |(_, f)| f.wavelength_um);
+                return Err(too_wide(options, wavelength_um, height, held));
+            }
             None if px >= max => return Ok(windows(max)),
             None => px = (2 * px - 1).min(max),
         }
@@ -162,7 +181,7 @@ pub(super) fn for_tails(options: &TraceOptions, px: usize, blur_um: f64, pitch_u
 }
 
 /// Samples to either side of the centre in a window of `px` film pixels.
-pub(super) fn half_samples(px: usize, film_pitch_um: f64, pitch_um: f64) -> usize {
+pub(in crate::design) fn half_samples(px: usize, film_pitch_um: f64, pitch_um: f64) -> usize {
     ((px as f64 * film_pitch_um / pitch_um - 1.0 + 1e-9) / 2.0).floor() as usize
 }
 

@@ -1,0 +1,26 @@
+//! Lenses without rotational symmetry: a design with errors of its parts, traced for any field point.
+//!
+//! [`pose`]: places of surfaces, conventions of design programs. [`deviation`]: errors of a lens; [`system`]: the lens as built. [`surface`],
+//! [`trace`], [`aim`]: rays; [`chief`]: chief rays and the field of a film place. [`opening`], [`illumination`]: the open pupil and its
+//! light; [`pupil`]: pupil functions, for the PSFs. [`map`], [`mod@trace_map`]: the map from film to ideal plane, with relative illumination.
+//! [`tables`]: the tables and PSFs of a band.
+//!
+//! *Film frame*: X right, Y DOWN; *lens frame*: x right, y up, z along the light (heads of [`trace`] and [`system`]).
+
+pub mod aim;
+pub mod chief;
+pub mod deviation;
+pub mod error;
+pub mod illumination;
+pub mod map;
+pub mod opening;
+pub mod pose;
+pub mod pupil;
+mod relative_light;
+pub mod surface;
+pub mod system;
+pub mod tables;
+#[cfg(test)]
+mod tests;
+pub mod trace;
+pub mod trace_map;

@@ -1,0 +1,9 @@
+//! Tests of the tracer against closed forms, the symmetric tracer and the model (`fields_reference.py`).
+
+mod closed_forms;
+pub(super) mod lenses;
+mod maps;
+mod nominal;
+mod psfs;
+mod symmetries;
+mod tables;
