@@ -32,6 +32,7 @@ pub mod oslo;
 mod straight_axis;
 pub mod table;
 pub mod text;
+pub mod tolerance;
 pub mod writing;
 pub mod zar;
 pub mod zmx;
