@@ -49,6 +49,41 @@
 //! | `pupil_segment/<band index>` | (S, 8) | | of each segment: index of its height, rings, spokes, first and last angle in rad, index of the surface that limits it or −1, its centre on the meridian, 1 or −1 if an obscuration hides it |
 //! | `pupil/<band index>` | (S, 5, P) | | at rings × spokes Chebyshev points (then NaN): W in µm, L, M, √(Φ J / N) · B², Φ / N · B² |
 //!
+//! # Lenses without rotational symmetry
+//!
+//! A pack of schema [`PLANAR_SCHEMA`] is of a built lens, of a design without symmetry, or of a measured one ([`pipeline::lens::planar`]): maps over
+//! the film in place of the tables over image height, and PSFs that depend on the azimuth, or are on a grid. All coordinates are of the film: X right,
+//! Y DOWN, mm from the lens's axis, real unless named ideal. Mx, My nodes of the map of the band with most:
+//!
+//! | array | shape | unit | contents |
+//! |---|---|---|---|
+//! | `map_x`, `map_y` | (B, Mx), (B, My) | mm | nodes of the map, uniform, ascending; 4 to 1025 |
+//! | `map_ideal_x`, `map_ideal_y` | (B, My, Mx) | mm | ideal point of the field point whose image is there |
+//! | `map_relative_illumination` | (B, My, Mx) | 1 | 1 at the film's centre |
+//! | `psf/<band index>` | (R, n, n) | 1 | R PSFs, up to 65,536, at the places below; in place of (K, n, n) |
+//! | `psf_energy` | (B, R) | 1 | as above, per PSF |
+//! | `wavelength`, `psf_pitch`, `solid_angle`, `transmission` | (B) | | as above; `solid_angle` at the film's centre |
+//!
+//! `psf_field` = `polar`: PSFs at the azimuths 2π a/A_k about the film's centre of each height, each in the frame turned by its azimuth (φ from +x
+//! towards +y), so that the field point is on +x as above; rows (k, a), a fastest, R = Σ A_k:
+//!
+//! | array | shape | unit | contents |
+//! |---|---|---|---|
+//! | `psf_height`, `azimuth_count` | (B, K) | mm, 1 | as above |
+//! | `psf_azimuths` | (B, K) | 1 | A_k, 1 to 2880: 1 on the axis |
+//!
+//! `psf_field` = `grid`: PSFs at columns and rows of the film, not turned; rows (j, i), i fastest, R = Ny·Nx:
+//!
+//! | array | shape | unit | contents |
+//! |---|---|---|---|
+//! | `psf_x`, `psf_y` | (B, Nx), (B, Ny) | mm | places of the PSFs, uniform, ascending; 1 to 4096 |
+//!
+//! Of a band with fewer nodes than the widest, the rows of `map_x`, `map_y`, `psf_height`, `psf_x` and `psf_y` end with NaN, and the numbers of the other
+//! tables beyond its nodes have any value (this program writes NaN, and 0 for counts). The size of a table of maps, all bands, is up to 33,620,000
+//! numbers. With `psf_size` the pack has pupil functions in place of PSFs: those above, of the whole pupil, with 9 numbers a segment (angles from −π to π;
+//! the centre along and across the meridian); a PSF has one, in the frame of that PSF. Such a pack has neither depth nodes nor tails; a lens with
+//! rotational symmetry is never written as one.
+//!
 //! # Tails
 //!
 //! A pack whose attribute `extras` lists `tail` has the light of its PSFs beyond their windows ([`pipeline::lens::tail`]); the windows then keep
@@ -71,15 +106,18 @@
 //!
 //! | attribute | value |
 //! |---|---|
-//! | `schema` | [`SCHEMA`], [`DEPTH_SCHEMA`] or [`PUPIL_SCHEMA`] |
+//! | `schema` | [`SCHEMA`], [`DEPTH_SCHEMA`], [`PUPIL_SCHEMA`] or [`PLANAR_SCHEMA`] |
 //! | `distortion_focal_length_mm`, `effective_focal_length_mm` | > 0 |
 //! | `f_number`, `primary_wavelength_nm` | > 0 |
 //! | `psf_sample` | `point`: point samples; `integrated`: each sample integrated over the pitch |
+//! | `psf_field` | `polar` or `grid`, of a lens without rotational symmetry |
 //! | `extras` | names of optional groups that change films: `tail`; others are an error |
 //! | `name` | default: the file's name |
 //! | `object_distance_mm` | null, missing or `Infinity`: at infinity |
 //! | `magnification` | default 0 |
 //! | `image_plane`, `defocus_mm`, `frame`, `psf_tolerance`, `source` | optional; printed, not used in any calculation |
+//! | `reference_point` | optional, of a lens without rotational symmetry: `chief ray`, `centroid` or `as given`, the point that map and PSF windows are of |
+//! | `errors`, `compensators` | optional, of a built lens: the errors drawn (`file`, `digest`, `seed`, `sample`, `values`), and what compensates them; any JSON |
 //!
 //! # Storage
 //!
@@ -102,9 +140,9 @@ mod summary;
 mod write;
 
 pub use array::MAX_SAMPLES as MAX_ARRAY_SAMPLES;
-pub use attributes::{DEPTH_SCHEMA, PUPIL_SCHEMA, PackAttributes, SCHEMA};
+pub use attributes::{DEPTH_SCHEMA, PLANAR_SCHEMA, PUPIL_SCHEMA, PackAttributes, ReferencePoint, SCHEMA};
 pub use digest::{DepthBandValues, band_digest};
 pub use error::LensPackError;
 pub use pack::{LensPack, builtin, builtin_names};
-pub use summary::{BandSummary, LensSummary, summary};
+pub use summary::{BandSummary, LensSummary, PlanarBandSummary, PlanarSummary, PsfFieldSummary, summary};
 pub use write::{LensPackWriter, write};

@@ -12,16 +12,65 @@ pub const SCHEMA: &str = "lenscube/lens-pack/1";
 pub const DEPTH_SCHEMA: &str = "lenscube/lens-pack/2";
 /// Schema of a pack with one object distance and pupil functions in place of PSFs.
 pub const PUPIL_SCHEMA: &str = "lenscube/lens-pack/3";
+/// Schema of a pack of a lens without rotational symmetry.
+pub const PLANAR_SCHEMA: &str = "lenscube/lens-pack/4";
 
 /// Attribute with the names of optional groups that change pixels.
 pub(super) const EXTRAS: &str = "extras";
 /// The optional group of tails.
 pub(super) const TAIL: &str = "tail";
+/// Attribute with the places of the PSFs of a lens without rotational symmetry.
+pub(super) const PSF_FIELD: &str = "psf_field";
+/// Attribute with the film place of the PSFs.
+pub(super) const REFERENCE_POINT: &str = "reference_point";
 
 /// Optional groups of a pack.
 pub(super) struct Extras {
     /// Tails of the PSFs.
     pub(super) has_tail: bool,
+}
+
+/// Places of the PSFs of a lens without rotational symmetry: attribute `psf_field`.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub(super) enum PsfField {
+    /// At heights and azimuths.
+    Polar,
+    /// At columns and rows of the film.
+    Grid,
+}
+
+impl PsfField {
+    /// The value of the attribute.
+    pub(super) fn name(self) -> &'static str {
+        match self {
+            Self::Polar => "polar",
+            Self::Grid => "grid",
+        }
+    }
+}
+
+/// The point of the image of a field point that the map gives, and on which the PSF windows are centred.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum ReferencePoint {
+    /// Of a traced lens: where the chief ray meets the film.
+    ChiefRay,
+    /// The centroid of the light.
+    Centroid,
+    /// Of a measured lens: as the source of map and PSFs has it.
+    AsGiven,
+}
+
+impl ReferencePoint {
+    const ALL: [Self; 3] = [Self::ChiefRay, Self::Centroid, Self::AsGiven];
+
+    /// The value of the attribute.
+    pub fn name(self) -> &'static str {
+        match self {
+            Self::ChiefRay => "chief ray",
+            Self::Centroid => "centroid",
+            Self::AsGiven => "as given",
+        }
+    }
 }
 
 /// Descriptive attributes of a pack: printed, not used in any calculation.
@@ -37,16 +86,24 @@ pub struct PackAttributes {
     pub psf_tolerance: Option<Value>,
     /// Program, version, file, settings.
     pub source: Option<Value>,
+    /// Of a lens without rotational symmetry: the point that its map gives.
+    pub reference_point: Option<ReferencePoint>,
+    /// The errors drawn of a built lens: file, digest, seed, sample and values.
+    pub errors: Option<Value>,
+    /// What compensates them: shift and tilt of the film, boresight.
+    pub compensators: Option<Value>,
 }
 
-/// Attributes of a group with schema [`SCHEMA`], [`DEPTH_SCHEMA`] or [`PUPIL_SCHEMA`].
+/// Attributes of a group with schema [`SCHEMA`], [`DEPTH_SCHEMA`], [`PUPIL_SCHEMA`] or [`PLANAR_SCHEMA`].
 pub(super) struct Attributes<'a> {
     store: &'a PackStore,
     map: Map<String, Value>,
     /// Whether the pack has depth nodes.
     pub(super) has_depth: bool,
-    /// Whether the pack has pupil functions in place of PSFs.
+    /// Whether the schema has pupil functions in place of PSFs.
     pub(super) has_pupils: bool,
+    /// Places of the PSFs, if the pack is of a lens without rotational symmetry.
+    pub(super) psf_field: Option<PsfField>,
 }
 
 impl<'a> Attributes<'a> {
@@ -76,14 +133,23 @@ impl<'a> Attributes<'a> {
             _ => Map::new(),
         };
         match attributes.get("schema") {
-            Some(Value::String(s)) if [SCHEMA, DEPTH_SCHEMA, PUPIL_SCHEMA].contains(&s.as_str()) => {
+            Some(Value::String(s))
+                if [SCHEMA, DEPTH_SCHEMA, PUPIL_SCHEMA, PLANAR_SCHEMA].contains(&s.as_str()) =>
+            {
                 let (has_depth, has_pupils) = (s == DEPTH_SCHEMA, s == PUPIL_SCHEMA);
-                Ok(Self { store, map: attributes, has_depth, has_pupils })
+                let is_planar = s == PLANAR_SCHEMA;
+                let mut head = Self { store, map: attributes, has_depth, has_pupils, psf_field: None };
+                if is_planar {
+                    head.psf_field = Some(head.psf_field()?);
+                }
+                Ok(head)
             }
             found => Err(LensPackError::Schema {
                 path: store.path.clone(),
                 found: found.map_or("missing".into(), Value::to_string),
-                expected: format!("\"{SCHEMA}\", \"{DEPTH_SCHEMA}\" or \"{PUPIL_SCHEMA}\""),
+                expected: format!(
+                    "\"{SCHEMA}\", \"{DEPTH_SCHEMA}\", \"{PUPIL_SCHEMA}\" or \"{PLANAR_SCHEMA}\""
+                ),
             }),
         }
     }
@@ -114,6 +180,9 @@ impl<'a> Attributes<'a> {
         };
         for name in names {
             match name.as_str() {
+                Some(TAIL) if self.psf_field.is_some() => {
+                    return Err(self.invalid(EXTRAS, "none: tails belong to lenses with rotational symmetry"));
+                }
                 Some(TAIL) => extras.has_tail = true,
                 _ => return Err(self.invalid(EXTRAS, expected)),
             }
@@ -156,6 +225,28 @@ impl<'a> Attributes<'a> {
         }
         let value = self.number_or_null(name)?.unwrap_or(f64::INFINITY);
         bound.check(value).map_err(|e| self.out_of_bounds(name, &e))
+    }
+
+    /// The required `psf_field` of a lens without rotational symmetry.
+    fn psf_field(&self) -> Result<PsfField, LensPackError> {
+        let found = self.map.get(PSF_FIELD).and_then(Value::as_str);
+        [PsfField::Polar, PsfField::Grid]
+            .into_iter()
+            .find(|field| found == Some(field.name()))
+            .ok_or_else(|| self.invalid(PSF_FIELD, "\"polar\" or \"grid\""))
+    }
+
+    /// The optional `reference_point` of a lens without rotational symmetry.
+    pub(super) fn reference_point(&self) -> Result<Option<ReferencePoint>, LensPackError> {
+        let found = match self.map.get(REFERENCE_POINT) {
+            None | Some(Value::Null) => return Ok(None),
+            _ if self.psf_field.is_none() => return Ok(None),
+            Some(found) => found.as_str(),
+        };
+        match ReferencePoint::ALL.into_iter().find(|point| found == Some(point.name())) {
+            Some(point) => Ok(Some(point)),
+            None => Err(self.invalid(REFERENCE_POINT, "\"chief ray\", \"centroid\" or \"as given\"")),
+        }
     }
 
     /// The required `psf_sample`.

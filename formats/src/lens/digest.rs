@@ -8,11 +8,20 @@
 //! Values are hashed as the pipeline uses them (PSFs in f32, normalised), so the digest does not depend on their storage. Pupil functions in place
 //! of PSFs are hashed themselves (version of the tracer, segments, values: f64), so they have another digest than the PSFs they give.
 //! A band with a tail has a section more: heights, radius and coefficients (f64).
+//!
+//! A lens without rotational symmetry has another leading line, and per band:
+//! ```text
+//! f64 wavelength; u64 nodes of the map in x and y, n; f64 map_x, map_y, map_ideal_x, map_ideal_y, map_relative_illumination
+//! a line with `psf_field`; polar: u64 K; f64 heights; u64 J_k, A_k;  grid: u64 columns, rows; f64 psf_x, psf_y
+//! f64 energies, pitch, solid angle, transmission; f32 PSFs, or pupil functions
+//! ```
 
+use super::attributes::PsfField;
 use super::stored::Stored;
 use pipeline::design::pupil_stack::PupilStack;
 use pipeline::design::trace::TRACER_VERSION;
 use pipeline::lens::depth::LensDepth;
+use pipeline::lens::planar::{PlanarBand, PsfPlaces};
 use pipeline::lens::{Lens, LensBand, PsfSample, PsfStack};
 
 /// Samples converted to bytes at a time.
@@ -111,7 +120,10 @@ pub(super) fn depth_digest<E>(
 
 fn hasher_with_head(lens: &Lens, bands: usize) -> blake3::Hasher {
     let mut h = blake3::Hasher::new();
-    h.update(b"lenscube/lens-pack/1 digest\n");
+    h.update(match lens.bands.iter().all(LensBand::is_symmetric) {
+        true => b"lenscube/lens-pack/1 digest\n",
+        false => b"lenscube/lens-pack/4 digest\n",
+    });
     add_f64(
         &mut h,
         &[
@@ -164,15 +176,25 @@ fn add_stored(h: &mut blake3::Hasher, band: &LensBand, stored: &Stored) {
 fn add_pupils(h: &mut blake3::Hasher, band: &LensBand, pupils: &PupilStack) {
     add_tables(h, band);
     h.update(b"pupil functions\n");
-    let (segments, values) = pupils.parts();
+    match pupils.is_whole() {
+        false => add_parts(h, pupils.parts()),
+        true => add_parts(h, pupils.whole_parts()),
+    }
+    add_tail(h, band);
+}
+
+/// Numbers of the segments, and values of all.
+fn add_parts<const N: usize>(h: &mut blake3::Hasher, (segments, values): (Vec<[f64; N]>, Vec<f64>)) {
     add_counts(h, &[TRACER_VERSION as usize, segments.len(), values.len()]);
     segments.iter().for_each(|numbers| add_f64(h, numbers));
     add_f64(h, &values);
-    add_tail(h, band);
 }
 
 fn add_tables(h: &mut blake3::Hasher, band: &LensBand) {
     add_f64(h, &[band.wavelength_nm]);
+    if let Some(planar) = &band.planar {
+        return add_planar_tables(h, band, planar);
+    }
     add_counts(h, &[band.ideal_height_mm.len(), band.psf_height_mm.len(), band.psf_size]);
     for table in
         [&band.ideal_height_mm, &band.image_height_mm, &band.relative_illumination, &band.psf_height_mm]
@@ -180,6 +202,36 @@ fn add_tables(h: &mut blake3::Hasher, band: &LensBand) {
         add_f64(h, table);
     }
     add_counts(h, &band.azimuth_count);
+    add_f64(h, &band.psf_energy);
+    add_f64(h, &[band.psf_pitch_um, band.solid_angle_sr, band.transmission]);
+}
+
+/// The tables of a band without rotational symmetry after its wavelength.
+fn add_planar_tables(h: &mut blake3::Hasher, band: &LensBand, planar: &PlanarBand) {
+    let map = &planar.map;
+    add_counts(h, &[map.x_mm.len(), map.y_mm.len(), band.psf_size]);
+    for table in [&map.x_mm, &map.y_mm, &map.ideal_x_mm, &map.ideal_y_mm, &map.relative_illumination] {
+        add_f64(h, table);
+    }
+    let mut add_field = |field: PsfField| {
+        h.update(field.name().as_bytes());
+        h.update(b"\n");
+    };
+    match &planar.psfs {
+        PsfPlaces::Polar { azimuth_samples } => {
+            add_field(PsfField::Polar);
+            add_counts(h, &[band.psf_height_mm.len()]);
+            add_f64(h, &band.psf_height_mm);
+            add_counts(h, &band.azimuth_count);
+            add_counts(h, azimuth_samples);
+        }
+        PsfPlaces::Cartesian { x_mm, y_mm } => {
+            add_field(PsfField::Grid);
+            add_counts(h, &[x_mm.len(), y_mm.len()]);
+            add_f64(h, x_mm);
+            add_f64(h, y_mm);
+        }
+    }
     add_f64(h, &band.psf_energy);
     add_f64(h, &[band.psf_pitch_um, band.solid_angle_sr, band.transmission]);
 }

@@ -1,5 +1,6 @@
 //! Errors of lens packs: pack, array, found and expected value, way out.
 
+use super::attributes::PLANAR_SCHEMA;
 use pipeline::design::pupil_stack::PupilError;
 use pipeline::lens::LensError;
 use std::path::PathBuf;
@@ -81,14 +82,15 @@ pub enum LensPackError {
     Table { path: PathBuf, source: LensError },
     /// A PSF window does not sum to 1.
     #[error(
-        "{path}: array `{array}`: the window at height {index} ({height_mm:.3} mm) sums to {sum}, expected 1 within 1e-3; divide each window by its sum and store the share of the total energy in psf_energy"
+        "{path}: array `{array}`: the window at {place} sums to {sum}, expected 1 within 1e-3; divide each window by its sum and store the share of the total energy in psf_energy"
     )]
     PsfSum {
         path: PathBuf,
         array: String,
+        /// Index of the window.
         index: usize,
-        /// Real image height of the window, mm.
-        height_mm: f64,
+        /// Height, or film place, of the window.
+        place: String,
         sum: f64,
     },
     /// The pupil functions of a band are invalid.
@@ -102,6 +104,16 @@ pub enum LensPackError {
         "{path}: the lens pack changed while it was used ({what}), so the film may mix both versions; keep it unchanged, then start again with --overwrite"
     )]
     Changed { path: PathBuf, what: String },
+    /// The lens has no image heights.
+    #[error(
+        "lens pack {path} has no rotational symmetry (schema {}): {what} needs image heights; use `lenscube run` or `lenscube lens show`",
+        PLANAR_SCHEMA
+    )]
+    NotSymmetric {
+        path: PathBuf,
+        /// What needs image heights.
+        what: String,
+    },
     /// The path exists.
     #[error("{path} already exists; a lens pack is never overwritten: remove it or choose another name")]
     Exists { path: PathBuf },

@@ -1,10 +1,12 @@
 //! An open lens pack, and the packs built into the program.
 
 use std::borrow::Cow;
+use std::ops::Range;
 use std::path::{Path, PathBuf};
 use std::sync::OnceLock;
 
-use pipeline::lens::{Lens, PsfStack};
+use pipeline::lens::planar::PsfPlaces;
+use pipeline::lens::{Lens, LensBand, PsfStack};
 
 use super::attributes::PackAttributes;
 use super::digest;
@@ -93,6 +95,22 @@ impl LensPack {
         self.has_pupils
     }
 
+    /// Whether its tables are over image height: those of a lens with rotational symmetry.
+    pub fn is_symmetric(&self) -> bool {
+        self.lens.bands.iter().all(LensBand::is_symmetric)
+    }
+
+    /// Checks that the lens has image heights, which `what` needs.
+    ///
+    /// # Errors
+    /// [`LensPackError::NotSymmetric`].
+    pub fn require_symmetric(&self, what: &str) -> Result<(), LensPackError> {
+        match self.is_symmetric() {
+            true => Ok(()),
+            false => Err(LensPackError::NotSymmetric { path: self.path().into(), what: what.into() }),
+        }
+    }
+
     /// Reads the PSFs of band `band`, or computes them from its pupil functions on the calling thread: finite, every window of sum 1, and from
     /// values equal to those read first.
     ///
@@ -106,14 +124,14 @@ impl LensPack {
         }
         match self.stored(band)? {
             Stored::Psfs(stack) => Ok(stack),
-            Stored::Pupils(pupils) => read::psfs_of(&self.store, &self.lens, band, &pupils),
+            Stored::Pupils(pupils) => read::psfs_of(&self.store, &self.lens, (band, 0), &pupils),
         }
     }
 
     /// Reads band `band`, of values equal to those read first.
     fn stored(&self, band: usize) -> Result<Stored, LensPackError> {
         let stored = match self.has_pupils {
-            true => Stored::Pupils(read::pupils(&self.store, &self.lens, band)?),
+            true => Stored::Pupils(read::pupils(&self.store, &self.lens, band, None)?),
             false => Stored::Psfs(read::psf(&self.store, &self.lens, band, None)?),
         };
         let first = self.band_digests[band].get().filter(|_| self.store.may_change());
@@ -134,15 +152,21 @@ impl LensPack {
         read::psf(&self.store, &self.lens, band, Some(node))
     }
 
-    /// Reads the PSF at height index `height` of depth node `node` of band `band` of a pack with depth nodes, n × n samples.
+    /// Reads the PSFs of the set `set` of band `band`, and of its depth node `node` if it has some, n × n samples each: the PSF at a height; of a
+    /// lens without rotational symmetry those of all azimuths at a height, or one of a grid. Computed, if the pack has pupil functions.
     ///
     /// # Errors
-    /// As [`psf_of_node`](Self::psf_of_node).
+    /// As [`psf_of_node`](Self::psf_of_node), or invalid pupil functions.
     ///
     /// # Panics
-    /// There is no such node or height.
-    pub fn psf_of_height(&self, band: usize, node: usize, height: usize) -> Result<Vec<f32>, LensPackError> {
-        Ok(read::windows(&self.store, &self.lens, (band, Some(node)), Some(height))?.samples)
+    /// There is no such node or set.
+    pub fn psf_of_height(&self, band: usize, node: usize, set: usize) -> Result<Vec<f32>, LensPackError> {
+        let rows = self.lens.bands.get(band).map_or(set..set + 1, |b| rows_of_set(b, set));
+        if self.has_pupils {
+            let pupils = read::pupils(&self.store, &self.lens, band, Some(rows.clone()))?;
+            return Ok(read::psfs_of(&self.store, &self.lens, (band, rows.start), &pupils)?.samples);
+        }
+        Ok(read::windows(&self.store, &self.lens, (band, Some(node)), Some(rows))?.samples)
     }
 
     /// Bytes of memory for reading a band's PSFs, in addition to the samples: an encoded and a decoded chunk, or pupil functions and the sums over
@@ -222,6 +246,17 @@ impl LensPack {
         }
         let stored = self.stored(band)?;
         Ok(self.band_digests[band].get_or_init(|| digest::stored_digest(&self.lens, band, &stored)).clone())
+    }
+}
+
+/// Rows of the set `set` of PSFs of a band in its stack.
+fn rows_of_set(band: &LensBand, set: usize) -> Range<usize> {
+    match band.planar.as_ref().map(|planar| &planar.psfs) {
+        Some(PsfPlaces::Polar { azimuth_samples }) => {
+            let first: usize = azimuth_samples[..set].iter().sum();
+            first..first + azimuth_samples[set]
+        }
+        Some(PsfPlaces::Cartesian { .. }) | None => set..set + 1,
     }
 }
 

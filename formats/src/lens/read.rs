@@ -4,6 +4,7 @@
 //! heights is the number of entries of `psf_height` before the first NaN, and `psf/<band>` has that many windows.
 
 mod depth;
+mod planar;
 mod psfs;
 mod pupils;
 mod tail;
@@ -14,6 +15,7 @@ use super::error::LensPackError;
 use super::store::PackStore;
 use pipeline::bounds;
 use pipeline::lens::{Lens, LensBand};
+pub(super) use planar::MAP_NUMBERS;
 pub(super) use psfs::{SUM_TOLERANCE, psf, psfs_of, windows};
 pub(super) use pupils::pupils;
 use std::f64::consts::PI;
@@ -27,6 +29,9 @@ pub(super) struct Tables {
     /// Bytes of memory for reading the PSFs of each band, in addition to the samples.
     pub(super) reading_bytes: Vec<usize>,
 }
+
+/// Maximum of J_k, and in words.
+const AZIMUTHS: (f64, &str) = (bounds::AZIMUTHS.max, "a whole number up to 7200");
 
 /// Chunks in memory while an array is read: a decoded one, and an encoded one, which may have twice its length.
 const CHUNKS: usize = 3;
@@ -45,12 +50,10 @@ pub(super) fn tables(store: &PackStore, notes: &mut Vec<String>) -> Result<Table
         let expected = "ascending wavelengths";
         return Err(tables.value("wavelength", b, 0, wavelength_nm[b], expected));
     }
-    let ideal = tables.rows("ideal_height", None)?;
-    let field_points = ideal.width;
-    let image = tables.rows("image_height", Some((field_points, "bands, field points of ideal_height")))?;
-    let illumination =
-        tables.rows("relative_illumination", Some((field_points, "bands, field points of ideal_height")))?;
-    let flat_psfs = if head.has_depth { None } else { Some(PsfTables::open(&tables, head.has_pupils)?) };
+    let mut fields = match head.psf_field {
+        None => Fields::Radial(FieldTables::open(&tables, &head)?),
+        Some(field) => Fields::Planar(planar::PlanarTables::open(&tables, field)?),
+    };
     let f_number = head.positive("f_number")?;
     bounds::F_NUMBER.check(f_number).map_err(|e| head.out_of_bounds("f_number", &e))?;
     let solid_angle = tables.per_band_or("solid_angle", || {
@@ -70,9 +73,9 @@ pub(super) fn tables(store: &PackStore, notes: &mut Vec<String>) -> Result<Table
     for b in 0..bands {
         let mut band = LensBand {
             wavelength_nm: wavelength_nm[b],
-            ideal_height_mm: ideal.numbers(b)?,
-            image_height_mm: image.numbers(b)?,
-            relative_illumination: illumination.numbers(b)?,
+            ideal_height_mm: Vec::new(),
+            image_height_mm: Vec::new(),
+            relative_illumination: Vec::new(),
             azimuth_count: Vec::new(),
             psf_size: 1,
             psf_pitch_um: 1.0,
@@ -81,16 +84,28 @@ pub(super) fn tables(store: &PackStore, notes: &mut Vec<String>) -> Result<Table
             transmission: transmission[b],
             psf_height_mm: Vec::new(),
             tail: tails[b].take(),
+            planar: None,
         };
-        if let Some(psfs) = &flat_psfs {
-            reading_bytes.push(psfs.fill(b, &mut band)?);
+        let bytes = match &mut fields {
+            Fields::Radial(fields) => fields.fill(b, &mut band)?,
+            Fields::Planar(fields) => Some(fields.fill(b, &mut band)?),
+        };
+        if let Some(bytes) = bytes {
+            reading_bytes.push(bytes);
             band.check().map_err(|source| LensPackError::Table { path: store.path.clone(), source })?;
         }
         lens_bands.push(band);
     }
-    let depth = match head.has_depth {
-        true => Some(depth::read(&tables, &head, field_points, &mut lens_bands, &mut reading_bytes)?),
-        false => None,
+    let depth = match &fields {
+        Fields::Radial(fields) if head.has_depth => {
+            let points = fields.ideal.width;
+            Some(depth::read(&tables, &head, points, &mut lens_bands, &mut reading_bytes)?)
+        }
+        _ => None,
+    };
+    let has_pupils = match &fields {
+        Fields::Radial(_) => head.has_pupils,
+        Fields::Planar(fields) => fields.has_pupils(),
     };
     let lens = Lens {
         name: head.text("name").unwrap_or_else(|| {
@@ -118,8 +133,45 @@ pub(super) fn tables(store: &PackStore, notes: &mut Vec<String>) -> Result<Table
         frame: head.text("frame"),
         psf_tolerance: head.any("psf_tolerance"),
         source: head.any("source"),
+        reference_point: head.reference_point()?,
+        errors: head.any("errors"),
+        compensators: head.any("compensators"),
     };
-    Ok(Tables { lens, attributes, has_pupils: head.has_pupils, reading_bytes })
+    Ok(Tables { lens, attributes, has_pupils, reading_bytes })
+}
+
+/// Tables over image height, or over the film.
+enum Fields<'a> {
+    Radial(FieldTables<'a>),
+    Planar(planar::PlanarTables<'a>),
+}
+
+/// Tables over image height.
+struct FieldTables<'a> {
+    ideal: Rows<'a>,
+    image: Rows<'a>,
+    illumination: Rows<'a>,
+    /// None: those of depth nodes.
+    psfs: Option<PsfTables<'a>>,
+}
+
+impl<'a> FieldTables<'a> {
+    fn open(tables: &'a Arrays<'a>, head: &Attributes<'_>) -> Result<Self, LensPackError> {
+        let ideal = tables.rows("ideal_height", None)?;
+        let same = Some((ideal.width, "bands, field points of ideal_height"));
+        let image = tables.rows("image_height", same)?;
+        let illumination = tables.rows("relative_illumination", same)?;
+        let psfs = if head.has_depth { None } else { Some(PsfTables::open(tables, head.has_pupils)?) };
+        Ok(Self { ideal, image, illumination, psfs })
+    }
+
+    /// Fills the tables of band `b`; the bytes for reading its PSFs, if they are not those of depth nodes.
+    fn fill(&self, b: usize, band: &mut LensBand) -> Result<Option<usize>, LensPackError> {
+        band.ideal_height_mm = self.ideal.numbers(b)?;
+        band.image_height_mm = self.image.numbers(b)?;
+        band.relative_illumination = self.illumination.numbers(b)?;
+        self.psfs.as_ref().map(|psfs| psfs.fill(b, band)).transpose()
+    }
 }
 
 /// PSF tables of a pack without depth nodes.
@@ -152,10 +204,11 @@ impl<'a> PsfTables<'a> {
         let tables = self.heights.tables;
         let (size, reading_bytes) = match &self.sides {
             Some(sides) => pupils::side(tables, b, k, sides[b])?,
-            None => psfs::size(tables.store, &format!("psf/{b}"), k)?,
+            None => psfs::size(tables.store, &format!("psf/{b}"), (k, "heights of psf_height"))?,
         };
         (band.psf_size, band.psf_pitch_um, band.psf_height_mm) = (size, self.pitch[b], heights);
-        (band.azimuth_count, band.psf_energy) = (self.azimuths.counts(b, k)?, self.energy.first(b, k)?);
+        (band.azimuth_count, band.psf_energy) =
+            (self.azimuths.counts(b, k, AZIMUTHS)?, self.energy.first(b, k)?);
         Ok(reading_bytes)
     }
 }
@@ -245,8 +298,13 @@ impl Rows<'_> {
         &self.values[b * self.width..][..self.width]
     }
 
-    /// The numbers of a row before its NaN padding.
+    /// The numbers of a row before its NaN padding, at least 2.
     fn numbers(&self, b: usize) -> Result<Vec<f64>, LensPackError> {
+        self.at_least(b, (2, "at least 2 numbers"))
+    }
+
+    /// As [`numbers`](Self::numbers), at least `least` of them.
+    fn at_least(&self, b: usize, (least, words): (usize, &'static str)) -> Result<Vec<f64>, LensPackError> {
         let row = self.row(b);
         let count = row.iter().position(|v| v.is_nan()).unwrap_or(self.width);
         if let Some(i) = (count..self.width).find(|&i| !row[i].is_nan()) {
@@ -255,9 +313,9 @@ impl Rows<'_> {
         if let Some(i) = row[..count].iter().position(|v| v.is_infinite()) {
             return Err(self.value(b, i, row[i], "a finite number"));
         }
-        if count < 2 {
+        if count < least {
             let found = row.get(count).copied().unwrap_or(f64::NAN);
-            return Err(self.value(b, count, found, "at least 2 numbers"));
+            return Err(self.value(b, count, found, words));
         }
         Ok(row[..count].to_vec())
     }
@@ -271,11 +329,17 @@ impl Rows<'_> {
         }
     }
 
-    fn counts(&self, b: usize, k: usize) -> Result<Vec<usize>, LensPackError> {
+    /// The first `k` numbers, all whole up to a maximum that is given in words, too; the padding is ignored.
+    fn counts(
+        &self,
+        b: usize,
+        k: usize,
+        (max, words): (f64, &'static str),
+    ) -> Result<Vec<usize>, LensPackError> {
         let row = &self.row(b)[..k];
-        let is_count = |v: f64| (0.0..=bounds::AZIMUTHS.max).contains(&v) && v.fract() == 0.0;
+        let is_count = |v: f64| (0.0..=max).contains(&v) && v.fract() == 0.0;
         match row.iter().position(|v| !is_count(*v)) {
-            Some(i) => Err(self.value(b, i, row[i], "a whole number up to 7200")),
+            Some(i) => Err(self.value(b, i, row[i], words)),
             None => Ok(row.iter().map(|&v| v as usize).collect()),
         }
     }

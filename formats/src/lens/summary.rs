@@ -3,12 +3,16 @@
 //! ```text
 //! distortion = (real - ideal)/ideal of the last field point, ideal = f·tan(field) with the DISTORTION focal length f
 //! lateral colour = real height minus that of the band nearest the primary wavelength, at the last ideal height common to both
+//! boresight = film place whose ideal point is the centre; shift beyond it = largest distance of (film − ideal) from it
 //! Nyquist pitch = λ·N/2, N = the F-number: the OTF of a lens ends at 1/(λ·N) (autocorrelation of the pupil, 2·NA/λ)
 //! ```
+
+mod planar;
 
 use super::pack::LensPack;
 use pipeline::lens::depth::LensDepth;
 use pipeline::lens::{LensBand, PsfSample};
+pub use planar::{PlanarBandSummary, PlanarSummary, PsfFieldSummary};
 use serde::Serialize;
 use std::fmt;
 
@@ -42,10 +46,10 @@ pub struct LensSummary {
     pub bands: usize,
     /// First and last wavelength, nm.
     pub wavelength_nm: [f64; 2],
-    /// Half field common to all bands, mm of ideal height.
-    pub ideal_field_mm: f64,
-    /// Half field common to all bands, mm of real height.
-    pub image_field_mm: f64,
+    /// Half field common to all bands, mm of ideal height; `None` for a lens without rotational symmetry.
+    pub ideal_field_mm: Option<f64>,
+    /// Half field common to all bands, mm of real height; `None` for a lens without rotational symmetry.
+    pub image_field_mm: Option<f64>,
     /// The same in degrees; `None` unless the object is at infinity.
     pub field_deg: Option<f64>,
     /// "point" or "integrated".
@@ -58,8 +62,11 @@ pub struct LensSummary {
     pub depth: Option<String>,
     /// Defaults used for missing arrays and attributes.
     pub notes: Vec<String>,
-    /// The listed bands.
+    /// The listed bands of a lens with rotational symmetry.
     pub table: Vec<BandSummary>,
+    /// Of a lens without rotational symmetry.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub planar: Option<PlanarSummary>,
 }
 
 /// Summary of one band; "edge" is the last field point or height.
@@ -105,12 +112,15 @@ pub fn summary(pack: &LensPack, all_bands: bool, rotation_error: Option<f64>) ->
     let is_listed = |&b: &usize| {
         (0..LISTED_BANDS).any(|i| b == (i * (bands.len() - 1) + (LISTED_BANDS - 1) / 2) / (LISTED_BANDS - 1))
     };
-    let listed = (0..bands.len()).filter(|b| all_bands || is_listed(b));
-    let table =
-        listed.map(|b| band_summary(&bands[b], primary.unwrap_or(&bands[b]), lens.f_number)).collect();
+    let listed = (0..bands.len()).filter(|b| all_bands || is_listed(b)).map(|b| &bands[b]);
     let minimum = |value: fn(&LensBand) -> f64| bands.iter().map(value).fold(f64::INFINITY, f64::min);
-    let ideal_field_mm = minimum(|b| last(&b.ideal_height_mm));
     let other = pack.attributes();
+    let (table, planar) = match pack.is_symmetric() {
+        true => (listed.map(|b| band_summary(b, primary.unwrap_or(b), lens.f_number)).collect(), None),
+        false => (Vec::new(), Some(planar::summary(listed, lens, other))),
+    };
+    let of_heights = |value: fn(&LensBand) -> f64| pack.is_symmetric().then(|| minimum(value));
+    let ideal_field_mm = of_heights(|b| last(&b.ideal_height_mm));
     LensSummary {
         name: lens.name.clone(),
         path: pack.path().display().to_string(),
@@ -125,9 +135,9 @@ pub fn summary(pack: &LensPack, all_bands: bool, rotation_error: Option<f64>) ->
         bands: bands.len(),
         wavelength_nm: [minimum(|b| b.wavelength_nm), -minimum(|b| -b.wavelength_nm)],
         ideal_field_mm,
-        image_field_mm: minimum(|b| last(&b.image_height_mm)),
+        image_field_mm: of_heights(|b| last(&b.image_height_mm)),
         field_deg: match lens.object_distance_mm {
-            None => Some((ideal_field_mm / lens.distortion_focal_length_mm).atan().to_degrees()),
+            None => ideal_field_mm.map(|mm| (mm / lens.distortion_focal_length_mm).atan().to_degrees()),
             Some(_) => None,
         },
         psf_sample: match lens.psf_sample {
@@ -142,6 +152,7 @@ pub fn summary(pack: &LensPack, all_bands: bool, rotation_error: Option<f64>) ->
         depth: lens.depth.as_ref().map(depth_summary),
         notes: pack.notes().to_vec(),
         table,
+        planar,
     }
 }
 
@@ -254,12 +265,17 @@ impl fmt::Display for LensSummary {
         }
         let [first, last] = self.wavelength_nm;
         writeln!(f, "bands          {}, {first}..{last} nm", self.bands)?;
-        write!(f, "half field     {:.4} mm ideal, {:.4} mm real", self.ideal_field_mm, self.image_field_mm)?;
-        match self.field_deg {
-            Some(deg) => writeln!(f, ", {deg:.3}°")?,
-            None => writeln!(f)?,
+        if let Some((ideal_mm, image_mm)) = self.ideal_field_mm.zip(self.image_field_mm) {
+            write!(f, "half field     {ideal_mm:.4} mm ideal, {image_mm:.4} mm real")?;
+            match self.field_deg {
+                Some(deg) => writeln!(f, ", {deg:.3}°")?,
+                None => writeln!(f)?,
+            }
         }
         writeln!(f, "sampling       {}; stored as {}", self.sampling, self.stored)?;
+        if let Some(planar) = &self.planar {
+            planar.write_head(f)?;
+        }
         if let Some(depth) = &self.depth {
             writeln!(f, "depth          {depth}")?;
         }
@@ -267,6 +283,26 @@ impl fmt::Display for LensSummary {
             writeln!(f, "note           {note}")?;
         }
         writeln!(f)?;
+        let listed = match &self.planar {
+            Some(planar) => {
+                planar.write_table(f)?;
+                planar.table.len()
+            }
+            None => {
+                self.write_table(f)?;
+                self.table.len()
+            }
+        };
+        if listed < self.bands {
+            writeln!(f, "({listed} of {} bands)", self.bands)?;
+        }
+        Ok(())
+    }
+}
+
+impl LensSummary {
+    /// The bands of a lens with rotational symmetry.
+    fn write_table(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
         writeln!(
             f,
             "     nm  edge mm  edge RI  distortion %  lateral µm  window px (µm)  pitch µm  Nyquist  energy axis/edge/min   heights to mm  azimuths   nodes"
@@ -291,9 +327,6 @@ impl fmt::Display for LensSummary {
                 b.nyquist_pitch_um,
                 b.nodes
             )?;
-        }
-        if self.table.len() < self.bands {
-            writeln!(f, "({} of {} bands)", self.table.len(), self.bands)?;
         }
         Ok(())
     }

@@ -1,13 +1,18 @@
 //! Writer of lens packs: PSFs band by band, then tables, then the group's own metadata.
 //!
-//! Tables are f64, azimuth counts i32, PSFs f32; a chunk is one PSF height, or one row of a table; blosc (lz4, shuffle) + crc32c.
+//! Tables are f64, azimuth counts i32, PSFs f32; a chunk is one PSF height, or one row of a table; blosc (lz4, shuffle) + crc32c. Lenses without
+//! rotational symmetry have ten times the PSFs: their chunks have about 1 MiB.
 //! Bands with fewer field points or heights are padded with NaN (azimuths: 0), see [`lens`](super).
 
 mod depth;
+mod planar;
 mod pupils;
 mod tail;
 
-use super::attributes::{DEPTH_SCHEMA, EXTRAS, PUPIL_SCHEMA, PackAttributes, SCHEMA, TAIL};
+use super::attributes::{
+    DEPTH_SCHEMA, EXTRAS, PLANAR_SCHEMA, PSF_FIELD, PUPIL_SCHEMA, PackAttributes, REFERENCE_POINT, SCHEMA,
+    TAIL,
+};
 use super::error::LensPackError;
 use super::read::SUM_TOLERANCE;
 use super::sink::Sink;
@@ -22,17 +27,21 @@ use zarrs::metadata::ArrayMetadata;
 
 /// Band and depth node of a stack.
 type StackKey = (usize, Option<usize>);
-/// Side, pitch, number of heights and kind of samples of a stack.
+/// Side, pitch, number of PSFs and kind of samples of a stack.
 type StackShape = (usize, f64, usize, PsfSample);
 
 /// Writer of a pack: [`psf`](Self::psf) or [`pupils`](Self::pupils) for every band in any order, then [`finish`](Self::finish). Dropped before
 /// that, it leaves no file.
 pub struct LensPackWriter {
     sink: Sink,
-    /// Side, pitch, number of heights and kind of samples of the stacks written so far, by band and depth node.
+    /// Side, pitch, number of PSFs and kind of samples of the stacks written so far, by band and depth node.
     written: BTreeMap<StackKey, StackShape>,
+    /// Whether it was begun for a lens without rotational symmetry.
+    is_planar: bool,
     /// Whether pupil functions are written in place of PSFs.
     has_pupils: bool,
+    /// Whether they are of whole pupils.
+    has_whole_pupils: bool,
 }
 
 /// Writes a complete pack, one band of PSFs at a time.
@@ -45,7 +54,10 @@ pub fn write<E: From<LensPackError>>(
     attributes: &PackAttributes,
     psf: impl IntoIterator<Item = Result<PsfStack, E>>,
 ) -> Result<(), E> {
-    let mut writer = LensPackWriter::create(path)?;
+    let mut writer = match lens.bands.iter().all(LensBand::is_symmetric) {
+        true => LensPackWriter::create(path)?,
+        false => LensPackWriter::create_planar(path)?,
+    };
     for (band, stack) in psf.into_iter().enumerate() {
         writer.psf(band, &stack?)?;
     }
@@ -58,7 +70,17 @@ impl LensPackWriter {
     /// # Errors
     /// The path exists, or no file can be created there.
     pub fn create(path: impl AsRef<Path>) -> Result<Self, LensPackError> {
-        Ok(Self { sink: Sink::create(path.as_ref())?, written: BTreeMap::new(), has_pupils: false })
+        let sink = Sink::create(path.as_ref())?;
+        let written = BTreeMap::new();
+        Ok(Self { sink, written, is_planar: false, has_pupils: false, has_whole_pupils: false })
+    }
+
+    /// As [`create`](Self::create), for a lens without rotational symmetry: its PSFs are stored in chunks of several.
+    ///
+    /// # Errors
+    /// As [`create`](Self::create).
+    pub fn create_planar(path: impl AsRef<Path>) -> Result<Self, LensPackError> {
+        Ok(Self { is_planar: true, ..Self::create(path)? })
     }
 
     /// Writes one band's PSFs.
@@ -99,7 +121,14 @@ impl LensPackWriter {
         self.record(&name, (band, node), (n, stack.pitch_um, heights, stack.sample))?;
         let bytes = stack.samples.iter().flat_map(|v| v.to_ne_bytes()).collect::<Vec<u8>>();
         let shape = [heights, n, n];
-        self.array(&name, "float32", &shape, "1", &["psf_height", "row", "column"], &bytes)
+        match self.is_planar {
+            false => self.array(&name, "float32", &shape, "1", &["psf_height", "row", "column"], &bytes),
+            true => {
+                let chunk = [planar::windows_in_chunk(heights, n), n, n];
+                let about = ("1", &["psf", "row", "column"][..]);
+                self.chunked_array((&name, "float32"), (&shape, &chunk), about, &bytes)
+            }
+        }
     }
 
     fn record(&mut self, name: &str, key: StackKey, shape: StackShape) -> Result<(), LensPackError> {
@@ -117,15 +146,19 @@ impl LensPackWriter {
         self.check(lens)?;
         let bands = &lens.bands;
         self.column("wavelength", "nm", bands, |b| b.wavelength_nm)?;
-        self.table("ideal_height", "mm", "field_point", bands, |b| &b.ideal_height_mm)?;
-        self.table("image_height", "mm", "field_point", bands, |b| &b.image_height_mm)?;
-        self.table("relative_illumination", "1", "field_point", bands, |b| &b.relative_illumination)?;
+        let is_symmetric = bands[0].is_symmetric();
+        if is_symmetric {
+            self.table("ideal_height", "mm", "field_point", bands, |b| &b.ideal_height_mm)?;
+            self.table("image_height", "mm", "field_point", bands, |b| &b.image_height_mm)?;
+            self.table("relative_illumination", "1", "field_point", bands, |b| &b.relative_illumination)?;
+        }
         self.column("solid_angle", "sr", bands, |b| b.solid_angle_sr)?;
         self.column("transmission", "1", bands, |b| b.transmission)?;
-        match &lens.depth {
-            None => self.psf_tables(bands)?,
-            Some(depth) => self.depth_tables(depth)?,
-        }
+        let psf_field = match &lens.depth {
+            None if is_symmetric => self.psf_tables(bands).map(|()| None)?,
+            None => Some(self.planar_tables(bands)?),
+            Some(depth) => self.depth_tables(depth).map(|()| None)?,
+        };
         let group = json!({"zarr_format": 3, "node_type": "group", "attributes": {}});
         let groups: &[&str] = if self.has_pupils { &["pupil", "pupil_segment"] } else { &["psf"] };
         for name in groups {
@@ -139,6 +172,13 @@ impl LensPackWriter {
         if self.has_pupils {
             self.column("psf_size", "1", bands, |b| b.psf_size as f64)?;
             root["attributes"]["schema"] = json!(PUPIL_SCHEMA);
+        }
+        if let Some(field) = psf_field {
+            root["attributes"]["schema"] = json!(PLANAR_SCHEMA);
+            root["attributes"][PSF_FIELD] = json!(field.name());
+            if let Some(point) = attributes.reference_point {
+                root["attributes"][REFERENCE_POINT] = json!(point.name());
+            }
         }
         if bands.iter().any(|b| b.tail.is_some()) {
             self.tails(bands)?;
@@ -154,12 +194,20 @@ impl LensPackWriter {
         self.table("psf_height", "mm", "psf_height", bands, |b| &b.psf_height_mm)?;
         self.table("psf_energy", "1", "psf_height", bands, |b| &b.psf_energy)?;
         self.column("psf_pitch", "um", bands, |b| b.psf_pitch_um)?;
-        let width = bands.iter().map(|b| b.azimuth_count.len()).max().unwrap_or(0);
-        let padded =
-            bands.iter().flat_map(|b| (0..width).map(|k| b.azimuth_count.get(k).map_or(0, |&j| j as i32)));
+        self.counts("azimuth_count", bands, |b| &b.azimuth_count)
+    }
+
+    /// Numbers of azimuths at the heights of each band, 0 after the last one.
+    fn counts(
+        &mut self,
+        name: &str,
+        bands: &[LensBand],
+        values: impl Fn(&LensBand) -> &[usize],
+    ) -> Result<(), LensPackError> {
+        let width = bands.iter().map(|b| values(b).len()).max().unwrap_or(0);
+        let padded = bands.iter().flat_map(|b| (0..width).map(|k| values(b).get(k).map_or(0, |&j| j as i32)));
         let bytes: Vec<u8> = padded.flat_map(i32::to_ne_bytes).collect();
-        let dims = ["wavelength", "psf_height"];
-        self.array("azimuth_count", "int32", &[bands.len(), width], "1", &dims, &bytes)
+        self.array(name, "int32", &[bands.len(), width], "1", &["wavelength", "psf_height"], &bytes)
     }
 
     fn check(&self, lens: &Lens) -> Result<(), LensPackError> {
@@ -172,6 +220,7 @@ impl LensPackWriter {
         if let Err((name, e)) = lens.check_head() {
             return Err(self.invalid(format!("`{name}` is out of bounds: {e}")));
         }
+        self.check_kind(lens)?;
         for (b, band) in lens.bands.iter().enumerate() {
             let nodes = lens.depth.as_ref().and_then(|depth| depth.bands.get(b));
             let checked = band.check().and_then(|()| nodes.map_or(Ok(()), |nodes| nodes.check(band)));
@@ -236,7 +285,8 @@ impl LensPackWriter {
         self.chunked_array((name, data_type), (shape, &chunk), (unit, dims), bytes)
     }
 
-    /// Writes an array of name and type, in chunks of a shape, of a unit and names of its axes.
+    /// Writes an array of name and type, in chunks of a shape that divides the array along its first axis, of a unit and names of its axes; zeros fill the
+    /// last chunk.
     fn chunked_array(
         &mut self,
         (name, data_type): (&str, &str),
@@ -270,7 +320,13 @@ impl LensPackWriter {
         let chunk: Vec<NonZeroU64> = chunk.iter().filter_map(|&n| NonZeroU64::new(n as u64)).collect();
         let length = chunk.iter().map(|n| n.get() as usize).product::<usize>() * item;
         let options = CodecOptions::default().with_concurrent_target(1);
-        for (i, chunk_bytes) in bytes.chunks_exact(length).enumerate() {
+        let mut padded = Vec::new();
+        for (i, mut chunk_bytes) in bytes.chunks(length).enumerate() {
+            if chunk_bytes.len() < length {
+                padded.extend_from_slice(chunk_bytes);
+                padded.resize(length, 0);
+                chunk_bytes = &padded;
+            }
             let mut index = vec![0; shape.len()];
             index[0] = i as u64;
             let encoded = array
@@ -297,13 +353,14 @@ impl LensPackWriter {
     }
 }
 
-/// Side, pitch, number of heights and kind of samples of every stack of `lens`, by band and depth node.
+/// Side, pitch, number of PSFs and kind of samples of every stack of `lens`, by band and depth node.
 fn stacks(lens: &Lens) -> BTreeMap<StackKey, StackShape> {
     let sample = lens.psf_sample;
-    let flat =
-        lens.bands.iter().enumerate().map(|(b, band)| {
-            ((b, None), (band.psf_size, band.psf_pitch_um, band.psf_height_mm.len(), sample))
-        });
+    let flat = lens
+        .bands
+        .iter()
+        .enumerate()
+        .map(|(b, band)| ((b, None), (band.psf_size, band.psf_pitch_um, band.psf_count(), sample)));
     let Some(depth) = &lens.depth else { return flat.collect() };
     let nodes = depth.bands.iter().enumerate().flat_map(|(b, band)| {
         band.nodes.iter().enumerate().map(move |(d, node)| {
@@ -342,6 +399,11 @@ fn root_attributes(lens: &Lens, other: &PackAttributes) -> Value {
         attributes["entrance_pupil_mm"] = json!(depth.entrance_pupil_mm);
         attributes["entrance_pupil_diameter_mm"] = json!(depth.entrance_pupil_diameter_mm);
         attributes["depth_tolerance"] = json!(depth.tolerance);
+    }
+    for (name, value) in [("errors", &other.errors), ("compensators", &other.compensators)] {
+        if let Some(value) = value {
+            attributes[name] = value.clone();
+        }
     }
     attributes
 }

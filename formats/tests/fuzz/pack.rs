@@ -40,7 +40,7 @@ fn pack(entries: &Entries) -> Vec<u8> {
     zip.finish().unwrap().into_inner()
 }
 
-/// Small packs of this program (with crc32c), one with pupil functions, and of zarr-python (without).
+/// Small packs of this program (with crc32c), one with pupil functions, and of zarr-python (without), two of them without rotational symmetry.
 fn seeds() -> Vec<Vec<u8>> {
     let dir = directory();
     let out = dir.path().join("seed.zip");
@@ -49,7 +49,9 @@ fn seeds() -> Vec<Vec<u8>> {
         .unwrap();
     let pupils = dir.path().join("pupils.zip");
     let _ = write_pupils(&pupils);
-    [out, data("zarr_python.lens.zip"), pupils].map(|path| std::fs::read(path).unwrap()).into()
+    let python = ["", "_polar", "_grid"].map(|kind| data(&format!("zarr_python{kind}.lens.zip")));
+    let [symmetric, polar, grid] = python;
+    [out, symmetric, pupils, polar, grid].map(|path| std::fs::read(path).unwrap()).into()
 }
 
 /// Writes a traced band with pupil functions, and returns it.
@@ -146,8 +148,11 @@ fn damaged_lens_packs_do_not_panic() {
     );
 }
 
-/// Tables of two bands, uncompressed: (name, shape, values).
-fn tables() -> Vec<(&'static str, Vec<usize>, Vec<f64>)> {
+/// Uncompressed tables: (name, shape, values).
+type Tables = Vec<(&'static str, Vec<usize>, Vec<f64>)>;
+
+/// Tables of two bands.
+fn tables() -> Tables {
     let rows = |n: usize, f: fn(usize) -> f64| (0..2).flat_map(move |_| (0..n).map(f)).collect::<Vec<_>>();
     let window = |k: usize| {
         (0..25).map(move |i| if i == 12 { 0.76 - 0.1 * k as f64 } else { (0.24 + 0.1 * k as f64) / 24.0 })
@@ -169,21 +174,71 @@ fn tables() -> Vec<(&'static str, Vec<usize>, Vec<f64>)> {
     ]
 }
 
+/// Tables of two bands without rotational symmetry, with PSFs at three azimuths of a height or at two places of a grid.
+fn planar_tables(is_polar: bool) -> Tables {
+    let node = |i: usize, n: usize| i as f64 - (n - 1) as f64 / 2.0;
+    let twice = |values: Vec<f64>| values.repeat(2);
+    let map = |of: fn(f64, f64) -> f64| twice((0..20).map(|i| of(node(i % 5, 5), node(i / 5, 4))).collect());
+    let count = if is_polar { 4 } else { 2 };
+    let windows: Vec<f64> = (0..count * 9).map(|i| if i % 9 == 4 { 0.6 } else { 0.05 }).collect();
+    let mut tables = vec![
+        ("wavelength", vec![2], vec![500.0, 600.0]),
+        ("map_x", vec![2, 5], twice((0..5).map(|i| node(i, 5)).collect())),
+        ("map_y", vec![2, 4], twice((0..4).map(|i| node(i, 4)).collect())),
+        ("map_ideal_x", vec![2, 4, 5], map(|x, y| x * (1.0 + 0.01 * y))),
+        ("map_ideal_y", vec![2, 4, 5], map(|_, y| y + 0.1)),
+        ("map_relative_illumination", vec![2, 4, 5], map(|x, _| 1.0 - 0.1 * x)),
+        ("psf_energy", vec![2, count], vec![0.99; 2 * count]),
+        ("psf_pitch", vec![2], vec![2.0; 2]),
+        ("solid_angle", vec![2], vec![0.1; 2]),
+        ("transmission", vec![2], vec![1.0; 2]),
+        ("psf/0", vec![count, 3, 3], windows.clone()),
+        ("psf/1", vec![count, 3, 3], windows),
+    ];
+    tables.extend(match is_polar {
+        true => vec![
+            ("psf_height", vec![2, 2], vec![0.0, 2.0, 0.0, 2.0]),
+            ("azimuth_count", vec![2, 2], vec![1.0, 8.0, 1.0, 8.0]),
+            ("psf_azimuths", vec![2, 2], vec![1.0, 3.0, 1.0, 3.0]),
+        ],
+        false => vec![("psf_x", vec![2, 2], vec![-1.0, 1.0, -1.0, 1.0]), ("psf_y", vec![2, 1], vec![0.0; 2])],
+    });
+    tables
+}
+
 /// A pack with up to three extreme values, wavelengths, attributes or names.
 fn extreme_pack(r: &mut Random) -> Vec<u8> {
-    let mut tables = tables();
-    let mut attributes = json!({
-        "schema": "lenscube/lens-pack/1", "name": "limits", "distortion_focal_length_mm": 50.0, "effective_focal_length_mm": 50.0,
+    extreme_pack_of(tables(), head("lenscube/lens-pack/1"), r)
+}
+
+/// As [`extreme_pack`], of a lens without rotational symmetry.
+fn extreme_planar_pack(r: &mut Random) -> Vec<u8> {
+    let is_polar = r.below(2) == 0;
+    let mut attributes = head("lenscube/lens-pack/4");
+    attributes["psf_field"] = json!(if is_polar { "polar" } else { "grid" });
+    attributes["reference_point"] = json!("as given");
+    attributes["errors"] =
+        json!({"seed": 1, "values": [{"id": "gap 3/thickness", "value": 12.0, "unit": "um"}]});
+    extreme_pack_of(planar_tables(is_polar), attributes, r)
+}
+
+fn head(schema: &str) -> serde_json::Value {
+    json!({
+        "schema": schema, "name": "limits", "distortion_focal_length_mm": 50.0, "effective_focal_length_mm": 50.0,
         "f_number": 2.0, "primary_wavelength_nm": 550.0, "psf_sample": "integrated", "object_distance_mm": null,
         "magnification": 0.0, "defocus_mm": 0.1, "frame": "x", "source": {},
-    });
+    })
+}
+
+fn extreme_pack_of(mut tables: Tables, mut attributes: serde_json::Value, r: &mut Random) -> Vec<u8> {
     let mut names: Vec<String> = Vec::new();
     for _ in 0..=r.below(3) {
         match r.below(8) {
             0 => tables[0].2 = wavelengths_nm(2, r),
             1 | 2 => {
                 let map = attributes.as_object_mut().unwrap();
-                let value = map.values_mut().nth(r.below(12)).unwrap();
+                let at = r.below(map.len());
+                let value = map.values_mut().nth(at).unwrap();
                 *value = match r.below(4) {
                     0 => json!(text(r)),
                     1 => json!(integer(r)),
@@ -208,7 +263,9 @@ fn extreme_pack(r: &mut Random) -> Vec<u8> {
     let mut entries: Entries = vec![("zarr.json".into(), group.to_string().into_bytes())];
     for (name, shape, values) in &tables {
         let (kind, bytes): (_, Vec<u8>) = match *name {
-            "azimuth_count" => ("int32", values.iter().flat_map(|v| (*v as i32).to_le_bytes()).collect()),
+            "azimuth_count" | "psf_azimuths" => {
+                ("int32", values.iter().flat_map(|v| (*v as i32).to_le_bytes()).collect())
+            }
             _ if name.starts_with("psf/") => {
                 ("float32", values.iter().flat_map(|v| (*v as f32).to_le_bytes()).collect())
             }
@@ -246,6 +303,11 @@ fn extreme_lens_packs_are_errors_or_finite() {
 }
 
 #[test]
+fn extreme_lens_packs_without_symmetry_are_errors_or_finite() {
+    fuzz("planar lens pack limits", 500, extreme_planar_pack, is_finite_pack);
+}
+
+#[test]
 fn extreme_pupil_functions_are_errors_or_finite() {
     let dir = directory();
     let path = dir.path().join("seed.zip");
@@ -268,6 +330,11 @@ fn is_finite_pack(bytes: &[u8]) -> bool {
         assert!(finite(&b.ideal_height_mm) && finite(&b.image_height_mm) && finite(&b.psf_height_mm));
         assert!(finite(&b.relative_illumination) && finite(&b.psf_energy));
         assert!(finite(&[b.wavelength_nm, b.psf_pitch_um, b.solid_angle_sr, b.transmission]));
+        if let Some(planar) = &b.planar {
+            let map = &planar.map;
+            assert!(finite(&map.ideal_x_mm) && finite(&map.ideal_y_mm) && finite(&map.relative_illumination));
+            assert!(finite(&map.x_mm) && finite(&map.y_mm) && b.psf_energy.len() == planar.psfs.count());
+        }
     }
     (0..lens.bands.len()).all(|b| pack.psf(b).is_ok_and(|p| p.samples.iter().all(|v| v.is_finite())))
 }

@@ -17,14 +17,14 @@ fn error_after(change: impl FnOnce(&Path)) -> LensPackError {
     error
 }
 
-fn edit_json(path: PathBuf, change: impl FnOnce(&mut Value)) {
+pub(crate) fn edit_json(path: PathBuf, change: impl FnOnce(&mut Value)) {
     let mut json: Value = serde_json::from_slice(&fs::read(&path).unwrap()).unwrap();
     change(&mut json);
     fs::write(path, json.to_string()).unwrap();
 }
 
 /// Replaces an array's chunks by a single uncompressed one.
-fn replace_array(array: PathBuf, data_type: &str, shape: &[usize], bytes: &[u8]) {
+pub(crate) fn replace_array(array: PathBuf, data_type: &str, shape: &[usize], bytes: &[u8]) {
     edit_json(array.join("zarr.json"), |json| {
         json["shape"] = json!(shape);
         json["data_type"] = json!(data_type);
@@ -38,7 +38,7 @@ fn replace_array(array: PathBuf, data_type: &str, shape: &[usize], bytes: &[u8])
     fs::write(chunk, bytes).unwrap();
 }
 
-fn f64s(values: &[f64]) -> Vec<u8> {
+pub(crate) fn f64s(values: &[f64]) -> Vec<u8> {
     values.iter().flat_map(|v| v.to_le_bytes()).collect()
 }
 

@@ -1,6 +1,9 @@
 //! Lens packs through the public API: round trips, packs of zarr-python, invalid packs.
 
 mod errors;
+mod planar;
+mod planar_errors;
+mod planar_pupils;
 mod pupils;
 mod reading;
 mod tails;
@@ -30,6 +33,7 @@ fn small_lens() -> Lens {
         solid_angle_sr: 0.088,
         transmission: 0.9,
         tail: None,
+        planar: None,
     };
     Lens {
         name: "small".into(),
@@ -64,6 +68,7 @@ fn small_attributes() -> PackAttributes {
         frame: None,
         psf_tolerance: Some(serde_json::json!({"l1": 0.01})),
         source: Some(serde_json::json!({"program": "test"})),
+        ..PackAttributes::default()
     }
 }
 

@@ -8,7 +8,7 @@ use std::fs;
 use std::sync::OnceLock;
 
 /// Two bands of three heights of a lens whose pupil is limited by several surfaces off the axis.
-fn traced() -> &'static (Lens, Vec<TracedBand>) {
+pub(crate) fn traced() -> &'static (Lens, Vec<TracedBand>) {
     static TRACED: OnceLock<(Lens, Vec<TracedBand>)> = OnceLock::new();
     TRACED.get_or_init(|| {
         let system = BuiltinLens::named("macro-70").unwrap().system();
@@ -29,7 +29,7 @@ fn traced() -> &'static (Lens, Vec<TracedBand>) {
     })
 }
 
-fn write_pupils(path: &Path) {
+pub(crate) fn write_pupils(path: &Path) {
     let (lens, bands) = traced();
     let mut writer = LensPackWriter::create(path).unwrap();
     for (index, band) in bands.iter().enumerate() {
@@ -56,6 +56,7 @@ fn pack_of_pupil_functions_gives_the_psfs_of_the_trace() {
     for band in 0..bands.len() {
         let expected = psfs.psf(band).unwrap();
         assert_eq!(pupils.psf(band).unwrap(), expected, "band {band}");
+        assert_eq!(pupils.psf_of_height(band, 0, 1).unwrap(), expected.window(1), "band {band}");
         assert_eq!(zip.psf(band).unwrap(), expected, "band {band}");
         assert_eq!(zip.band_digest(band).unwrap(), pupils.band_digest(band).unwrap());
         assert!(pupils.psf_reading_bytes(band) > 64 * expected.size * expected.size);

@@ -49,6 +49,35 @@ fn digest_changes_with_every_number_but_not_with_the_name() {
     assert_eq!(digest("3.zip", &renamed, &|_| {}), plain);
 }
 
+/// Digests of packs with rotational symmetry, from the program before it had others.
+#[test]
+fn digests_of_lenses_with_symmetry_equal_the_recorded_ones() {
+    let tmp = tempfile::tempdir().unwrap();
+    let written = |name: &str, lens: &Lens| {
+        let path = tmp.path().join(name);
+        let stacks = (0..2).map(|b| Ok::<_, LensPackError>(small_psf(lens, b)));
+        write(&path, lens, &small_attributes(), stacks).unwrap();
+        LensPack::open(path).unwrap()
+    };
+    for (pack, digest) in [
+        (
+            written("small.zip", &small_lens()),
+            "98a76b78a141ef6f0f4d7a23fadd45df5643998c3b1f38732af97546ff1e3bf9",
+        ),
+        (
+            written("tail.zip", &tails::lens_with_tail()),
+            "ff430b135749401ed64ae1306dffc46ef4bd97c6cb2818b3eded350596912620",
+        ),
+        (depth_pack(), "699e3fa483f6ab517fd12867ccb4301903c65af8fc5fff7fbef9104e6df5e330"),
+        (
+            LensPack::open(fixture()).unwrap(),
+            "4fb92d1255782b75f299dbadcbaa8fe067f9cca81894c501f31998e4a70ab0bc",
+        ),
+    ] {
+        assert_eq!(pack.digest().unwrap(), digest, "{}", pack.path().display());
+    }
+}
+
 /// Window of the fixture, as in make_lens_pack.py.
 fn fixture_window(k: usize, n: usize) -> Vec<f64> {
     let c = (n - 1) as f64 / 2.0;

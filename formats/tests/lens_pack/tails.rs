@@ -6,7 +6,7 @@ use pipeline::lens::Lens;
 use pipeline::lens::tail::BandTail;
 
 /// The small lens with a tail of its second band.
-fn lens_with_tail() -> Lens {
+pub(crate) fn lens_with_tail() -> Lens {
     let mut lens = small_lens();
     let coefficients = |k: usize| {
         let c = 2e-5 * (k + 1) as f64;

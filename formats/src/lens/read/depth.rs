@@ -1,7 +1,7 @@
 //! Depth nodes of a pack of schema [`DEPTH_SCHEMA`](super::super::attributes::DEPTH_SCHEMA): tables (bands, nodes, ...), rows past a band's last
 //! node unused.
 
-use super::{Arrays, PackArray, Rows, psfs};
+use super::{AZIMUTHS, Arrays, PackArray, Rows, psfs};
 use crate::lens::attributes::Attributes;
 use crate::lens::error::LensPackError;
 use pipeline::bounds;
@@ -45,10 +45,11 @@ pub(super) fn read(
             let at = b * nodes + d;
             let psf_height_mm = heights.numbers(at)?;
             let k = psf_height_mm.len();
-            let (psf_size, bytes) = psfs::size(tables.store, &format!("psf/{b}/{d}"), k)?;
+            let (psf_size, bytes) =
+                psfs::size(tables.store, &format!("psf/{b}/{d}"), (k, "heights of psf_height"))?;
             chunk = chunk.max(bytes);
             list.push(DepthNode {
-                azimuth_count: azimuths.counts(at, k)?,
+                azimuth_count: azimuths.counts(at, k, AZIMUTHS)?,
                 psf_energy: energy.first(at, k)?,
                 psf_size,
                 psf_pitch_um: pitch.first(b, nodes.min(d + 1))?[d],

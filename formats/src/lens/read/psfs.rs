@@ -5,7 +5,9 @@ use crate::lens::error::LensPackError;
 use crate::lens::store::PackStore;
 use pipeline::bounds;
 use pipeline::design::pupil_stack::PupilStack;
-use pipeline::lens::{Lens, PsfStack};
+use pipeline::lens::planar::PsfPlaces;
+use pipeline::lens::{Lens, LensBand, PsfStack};
+use std::ops::Range;
 use std::path::Path;
 
 /// Maximum deviation of a window's sum from 1.
@@ -23,12 +25,12 @@ pub fn psf(
     windows(store, lens, (index, node), None)
 }
 
-/// As [`psf`], or the window of one height only.
+/// As [`psf`], or the windows `only`.
 pub fn windows(
     store: &PackStore,
     lens: &Lens,
     (index, node): (usize, Option<usize>),
-    only: Option<usize>,
+    only: Option<Range<usize>>,
 ) -> Result<PsfStack, LensPackError> {
     let bands = lens.bands.len();
     let band = lens.bands.get(index).ok_or_else(|| LensPackError::Band {
@@ -36,41 +38,44 @@ pub fn windows(
         band: index,
         bands,
     })?;
-    let (name, heights_mm, n, pitch_um) = match lens.depth.as_ref().zip(node) {
-        None => (format!("psf/{index}"), &band.psf_height_mm, band.psf_size, band.psf_pitch_um),
+    let (name, places, n, pitch_um) = match lens.depth.as_ref().zip(node) {
+        None => (format!("psf/{index}"), Places::Band(band), band.psf_size, band.psf_pitch_um),
         Some((depth, d)) => {
             let node = &depth.bands[index].nodes[d];
-            (format!("psf/{index}/{d}"), &node.psf_height_mm, node.psf_size, node.psf_pitch_um)
+            (
+                format!("psf/{index}/{d}"),
+                Places::Heights(&node.psf_height_mm),
+                node.psf_size,
+                node.psf_pitch_um,
+            )
         }
     };
     let array = PackArray::open(store, &name)?;
-    array.expect_shape(&[heights_mm.len(), n, n], "heights, rows, columns")?;
-    let rows = only.map_or(0..heights_mm.len(), |k| k..k + 1);
+    array.expect_shape(&[places.count(), n, n], "PSFs, rows, columns")?;
+    let rows = only.unwrap_or(0..places.count());
     let samples = array.read_rows(rows.clone(), |v| v as f32)?;
     let mut values = samples.values;
     for (k, window) in rows.zip(values.chunks_exact_mut(n * n)) {
-        let height_mm = heights_mm[k];
-        let place = Window { path: &store.path, array: &name, band: index, index: k, height_mm };
+        let place = Window { path: &store.path, array: &name, band: index, index: k, places: &places };
         place.normalise(window, || samples.missing.clone().map(|chunk| array.missing_chunk(chunk)))?;
     }
     Ok(PsfStack { size: n, pitch_um, sample: lens.psf_sample, samples: values })
 }
 
-/// The PSFs of pupil functions of band `index`: finite, each with sum 1.
+/// The PSFs of pupil functions of band `index`, of which the first is that of window `first`: finite, each with sum 1.
 pub fn psfs_of(
     store: &PackStore,
     lens: &Lens,
-    index: usize,
+    (index, first): (usize, usize),
     pupils: &PupilStack,
 ) -> Result<PsfStack, LensPackError> {
     let name = format!("pupil/{index}");
     let invalid = |source| LensPackError::Pupil { path: store.path.clone(), array: name.clone(), source };
     let mut stack = pupils.psfs().map_err(invalid)?;
     let n = stack.size;
-    let heights_mm = &lens.bands[index].psf_height_mm;
-    for ((k, &height_mm), window) in heights_mm.iter().enumerate().zip(stack.samples.chunks_exact_mut(n * n))
-    {
-        let place = Window { path: &store.path, array: &name, band: index, index: k, height_mm };
+    let places = Places::Band(&lens.bands[index]);
+    for (k, window) in (first..).zip(stack.samples.chunks_exact_mut(n * n)) {
+        let place = Window { path: &store.path, array: &name, band: index, index: k, places: &places };
         place.normalise(window, || None)?;
     }
     Ok(stack)
@@ -81,9 +86,48 @@ struct Window<'a> {
     path: &'a Path,
     array: &'a str,
     band: usize,
-    /// Index of its height.
     index: usize,
-    height_mm: f64,
+    places: &'a Places<'a>,
+}
+
+/// Places of the windows of a stack.
+enum Places<'a> {
+    /// Of a band without depth nodes.
+    Band(&'a LensBand),
+    /// Real image heights of a depth node, mm.
+    Heights(&'a [f64]),
+}
+
+impl Places<'_> {
+    fn count(&self) -> usize {
+        match self {
+            Self::Band(band) => band.psf_count(),
+            Self::Heights(heights_mm) => heights_mm.len(),
+        }
+    }
+
+    /// The place of window `index`, for errors.
+    fn name(&self, index: usize) -> String {
+        let at = |heights_mm: &[f64], k: usize| format!("height {k} ({:.3} mm)", heights_mm[k]);
+        let band = match self {
+            Self::Heights(heights_mm) => return at(heights_mm, index),
+            Self::Band(band) => band,
+        };
+        match band.planar.as_ref().map(|planar| &planar.psfs) {
+            None => at(&band.psf_height_mm, index),
+            Some(PsfPlaces::Polar { azimuth_samples }) => {
+                let (mut k, mut a) = (0, index);
+                while a >= azimuth_samples[k] {
+                    (k, a) = (k + 1, a - azimuth_samples[k]);
+                }
+                format!("{}, azimuth {a} of {}", at(&band.psf_height_mm, k), azimuth_samples[k])
+            }
+            Some(PsfPlaces::Cartesian { x_mm, y_mm }) => {
+                let (row, column) = (index / x_mm.len(), index % x_mm.len());
+                format!("row {row}, column {column} ({:.3}, {:.3} mm)", x_mm[column], y_mm[row])
+            }
+        }
+    }
 }
 
 impl Window<'_> {
@@ -117,7 +161,7 @@ impl Window<'_> {
                 path: self.path.into(),
                 array: self.array.into(),
                 index: self.index,
-                height_mm: self.height_mm,
+                place: self.places.name(self.index),
                 sum,
             });
         }
@@ -128,8 +172,12 @@ impl Window<'_> {
     }
 }
 
-/// Side of the windows of the array `name` and bytes for reading them, from the metadata.
-pub(super) fn size(store: &PackStore, name: &str, k: usize) -> Result<(usize, usize), LensPackError> {
+/// Side of the windows of the array `name` and bytes for reading them, from the metadata; `k`: their number, and what it is.
+pub(super) fn size(
+    store: &PackStore,
+    name: &str,
+    (k, what): (usize, &str),
+) -> Result<(usize, usize), LensPackError> {
     let array = PackArray::open(store, name)?;
     array.expect_float()?;
     match array.shape[..] {
@@ -139,6 +187,6 @@ pub(super) fn size(store: &PackStore, name: &str, k: usize) -> Result<(usize, us
         [windows, rows, columns] if windows as usize == k && rows == columns && rows % 2 == 1 => {
             Ok((rows as usize, CHUNKS * array.chunk_bytes() as usize))
         }
-        _ => Err(array.shape_error(format!("[{k}, n, n] with n odd ({k} heights of psf_height)"))),
+        _ => Err(array.shape_error(format!("[{k}, n, n] with n odd ({k} {what})"))),
     }
 }
