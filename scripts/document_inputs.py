@@ -128,6 +128,18 @@ def mesh(path, _):
     path.write_bytes(header + struct.pack("<I4s", len(text), b"JSON") + text + struct.pack("<I4s", len(blob), b"BIN\0") + blob)
 
 
+# Manufacturing errors of double-gauss-28: its rear doublet and the film.
+TOLERANCES = """
+[[element]]
+surfaces = [10, 11]
+decentre_um = 20
+tilt_arcmin = 1
+[[film]]
+tilt_arcmin = 3
+[criterion]
+kind = "rms-spot"
+"""
+
 MAKERS = {
     "cube.zarr": cube_zarr,
     "room.glb": mesh,
@@ -150,6 +162,7 @@ MAKERS = {
     "render.exr": depth_exr,
     "behind.zarr": behind,
     "MY.zmx": lambda path, _: shutil.copy(DESIGN, path),
+    "tol.toml": lambda path, _: path.write_text(TOLERANCES),
     "tables": lambda path, _: shutil.copytree(ROOT / "formats/data/tables-example", path),
 }
 
@@ -172,6 +185,7 @@ PAGES = {
     "lenses.md": ["MY.zmx", "chart.zarr", "tables"],
     "light.md": ["chart.zarr"],
     "scenes.md": ["room.glb"],
+    "tolerances.md": ["chart.zarr", "tol.toml"],
 }
 
 

@@ -2,6 +2,7 @@
 
 mod bands;
 mod bench;
+mod built;
 mod cache;
 mod camera;
 mod chart;
@@ -38,6 +39,7 @@ mod work;
 
 pub use bands::bands;
 pub use bench::BenchArgs;
+pub use built::{BuiltArgs, LensSamples};
 pub use cache::{CacheAction, CacheArgs};
 pub use camera::{CameraArgs, Renderer};
 pub use chart::{ChartArgs, ChartCommand, GeneratedArgs, ImageArgs};

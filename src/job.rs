@@ -20,7 +20,7 @@ pub mod film_engine;
 mod frame;
 pub mod ghosts;
 mod identity;
-mod inputs;
+pub mod inputs;
 mod keys;
 pub mod layers;
 pub mod lens;
@@ -178,7 +178,7 @@ impl<'a> UntracedJob<'a> {
 
     fn resolve(args: &'a RunArgs, planned: Option<PlannedBands<'a>>) -> Result<Self> {
         let opened = Opened::new(args)?;
-        let arguments = Arguments::resolve(args, opened.has_depth())?;
+        let arguments = Arguments::resolve(args, opened.has_depth(), opened.on_cpu())?;
         let (inputs, lens) = Inputs::new(args, opened, planned.map(|p| p.bands))?;
         let nm = &inputs.selected_nm;
         let ghosts = JobGhosts::new(args, &lens, &inputs.frame, nm, arguments.threads)?;
@@ -296,6 +296,9 @@ impl<'a> UntracedJob<'a> {
         let mut source = identity::source(args, &inputs.chart);
         if let Some(request) = request {
             source[LENS_REQUEST] = request;
+        }
+        for (key, value) in plan.lens.errors().into_iter().flatten() {
+            source[key] = value.clone();
         }
         Ok(Job {
             source,

@@ -32,6 +32,7 @@ macro_rules! pages {
 pages! {
     charts: "formats and axes, wavelengths, units, pictures, drawn charts, missing data",
     lenses: "designs, tables and listings, lens packs, tracing and its cache",
+    tolerances: "manufacturing errors, lenses as built and their films",
     light: "what a film holds: coatings, absorption, transmission",
     scenes: "meshes with materials, camera and light; solids, hidden surfaces",
     depth: "distances per pixel, hidden surfaces, focus",

@@ -156,6 +156,16 @@ pub fn is_builtin(name: &str) -> bool {
     design::builtin_names().chain(builtin_names()).any(|known| known == name)
 }
 
+/// Opens a lens pack, or a built-in one by its name, for a command that needs tables over image height.
+///
+/// # Errors
+/// Usage: a lens without rotational symmetry.
+pub fn symmetric_lens(name: &str) -> Result<LensPack> {
+    let pack = lens(name)?;
+    pack.require_symmetric("this command").map_err(|e| usage(e.to_string()))?;
+    Ok(pack)
+}
+
 /// Opens a lens pack, or a built-in one by its name.
 pub fn lens(name: &str) -> Result<LensPack> {
     if builtin_names().any(|known| known == name) {

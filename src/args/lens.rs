@@ -1,17 +1,19 @@
 //! `lenscube lens`.
 
+use super::built::BuiltArgs;
 use super::camera::CameraArgs;
 use super::choices::{STYLE, SWITCH, one_of};
 use super::design::{DESIGN_FILES, Depths, DesignArgs, depths, focus_m};
 use super::import::ImportArgs;
 use super::light::LightArgs;
-use super::values::{bounded, figures, film_point, pitch, positive, share, window_px};
+use super::values::{bounded, figures, film_point, pitch, positive, share, size, window_px};
 use clap::{ArgAction, Args, Subcommand, ValueEnum};
 use formats::design::{endings_written, names_read, names_written};
 use formats::picture::style::Style;
 use pipeline::bounds;
 use pipeline::design::trace::TraceOptions;
 use pipeline::design::wavefront::SAMPLES;
+use pipeline::geometry::Size;
 use std::path::PathBuf;
 
 /// `lenscube lens`
@@ -328,6 +330,9 @@ pub struct TraceArgs {
     /// Pitch of the film that the pack is made for, µm
     #[arg(long, value_name = "UM", value_parser = pitch, default_value = "2")]
     pub film_pitch_um: f64,
+    /// Size of the film in pixels, N or WxH, that the map of a lens with --tolerances covers [default: the square within --max-height-mm]
+    #[arg(long, value_name = "WxH", value_parser = size, requires = "tolerances")]
+    pub film_size: Option<Size>,
     /// What the pack has of the PSFs: their samples, or the pupil functions they are computed from when the pack is read, a hundredth of the bytes
     /// [default: psfs up to 1 GB uncompressed, else pupils]
     #[arg(long, value_enum, conflicts_with = "depths_m")]
@@ -345,6 +350,9 @@ pub struct TraceArgs {
     /// Largest pack with depth nodes, GB uncompressed, as estimated before it is traced
     #[arg(long, value_name = "GB", value_parser = positive, default_value = "16", requires = "depths_m", help_heading = "Depth")]
     pub max_gb: f64,
+    /// Manufacturing errors of the design.
+    #[command(flatten)]
+    pub built: BuiltArgs,
     /// Parameters of the design.
     #[command(flatten)]
     pub parameters: DesignArgs,

@@ -1,5 +1,6 @@
 //! Arguments of a job (`lenscube run`, `lenscube plan`).
 
+use super::built::BuiltArgs;
 use super::choices::{
     CODEC, DTYPE, INTERP, NAN, OUTSIDE, SURROUND, default_stages, one_of, stage, stages_help,
 };
@@ -40,6 +41,9 @@ pub struct RunArgs {
     /// How a design is traced.
     #[command(flatten)]
     pub tracing: TracingArgs,
+    /// Manufacturing errors of a design.
+    #[command(flatten)]
+    pub built: BuiltArgs,
     /// Array of the chart's file or store, the same as CHART//NAME
     #[arg(long, value_name = "NAME", conflicts_with = "chart_shape", help_heading = "Chart")]
     pub var: Option<String>,
@@ -175,6 +179,7 @@ impl RunArgs {
             film: film.into(),
             lens: DEFAULT_LENS.into(),
             tracing: TracingArgs::default(),
+            built: BuiltArgs::default(),
             var: None,
             chart_shape: None,
             chart_dtype: None,

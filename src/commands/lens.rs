@@ -1,6 +1,7 @@
 //! `lenscube lens`: creates, shows and compares lenses.
 
 mod aberrations;
+mod asymmetric;
 mod camera;
 pub mod convert;
 mod cross_section;

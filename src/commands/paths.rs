@@ -153,9 +153,9 @@ fn of_lens(command: &LensCommand) -> Guard {
         LensCommand::Psf(args) => of_design(&args.design, &args.parameters)
             .may_write("OUT", args.out.as_ref())
             .may_write("--sections", args.sections.as_ref()),
-        LensCommand::Trace(args) => {
-            of_design(&args.design, &args.parameters).writes("OUT.lens.zarr", &args.out)
-        }
+        LensCommand::Trace(args) => of_design(&args.design, &args.parameters)
+            .reads_tolerances(&args.built)
+            .writes("OUT.lens.zarr", &args.out),
         LensCommand::Convert(args) => of_design(&args.design, &args.parameters)
             .reads_as("design", &args.design, catalogues(&args.design))
             .writes("OUT", &args.out)

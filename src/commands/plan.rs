@@ -114,7 +114,9 @@ fn worker_command(run: &RunArgs, matches: &ArgMatches) -> Result<CommandLine> {
             ("--depth-tolerance", surfaces.depth_tolerance.is_none()),
         ];
         let has = |flag: &&str| run.tracing.given().contains(flag);
-        ["--lens", "--depth", "--hidden", "--glass-catalog"].into_iter().any(is)
+        let of_built = ["--seed", "--lens-sample"];
+        ["--lens", "--depth", "--hidden", "--glass-catalog", "--tolerances"].into_iter().any(is)
+            || run.built.tolerances.is_none() && of_built.into_iter().any(is)
             || of_pack.iter().any(|(name, has)| *has && is(name))
             || TracingArgs::FLAGS.iter().any(|flag| !has(flag) && is(flag))
     };
@@ -124,6 +126,12 @@ fn worker_command(run: &RunArgs, matches: &ArgMatches) -> Result<CommandLine> {
             usage("the path of a --glass-catalog is not UTF-8, so it cannot be stored in a plan")
         })?;
         line.flags.push(format!("--glass-catalog={}", absolute_path(catalogue)?));
+    }
+    if let Some(tolerances) = &run.built.tolerances {
+        let tolerances = tolerances.to_str().ok_or_else(|| {
+            usage("the path of --tolerances is not UTF-8, so it cannot be stored in a plan")
+        })?;
+        line.flags.push(format!("--tolerances={}", absolute_path(tolerances)?));
     }
     for group in &run.surfaces.hidden {
         let group = if group == NO_HIDDEN { group.clone() } else { absolute_chart(group)? };

@@ -22,6 +22,7 @@ mod forecast;
 pub mod mesh;
 mod monitor;
 mod record;
+mod samples;
 mod shards;
 mod sink;
 mod units;
@@ -76,6 +77,7 @@ pub fn command(args: &RunCommand, matches: &ArgMatches) -> Result<u8> {
     let result = match &args.work.plan {
         #[cfg(feature = "mesh")]
         None if mesh::is_of_mesh(args) => mesh::run(args, jsonl),
+        None if samples::is_of_samples(&args.job) => samples::run(args),
         None if args.dry_run => forecast::print(&args.job).map(|()| 0),
         None => run_job(&args.job, jsonl, args.work.progress),
         Some(plan) => {

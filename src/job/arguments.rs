@@ -34,11 +34,11 @@ pub struct Arguments<'a> {
 }
 
 impl<'a> Arguments<'a> {
-    /// Resolves `given`, for surfaces at several distances if `has_depth`.
+    /// Resolves `given`, for surfaces at several distances if `has_depth`; `on_cpu`: what of its inputs GPUs do not compute.
     ///
     /// # Errors
     /// Device or engine not available; the film cannot be read.
-    pub fn resolve(given: &'a RunArgs, has_depth: bool) -> Result<Self> {
+    pub fn resolve(given: &'a RunArgs, has_depth: bool, on_cpu: Option<&str>) -> Result<Self> {
         if has_depth && !given.stages.contains(&Stage::Svpsf) {
             return Err(usage(
                 "--depth requires the stage svpsf; `--depth none` ignores the distances of the chart",
@@ -51,7 +51,7 @@ impl<'a> Arguments<'a> {
         let not_on_gpus = described(stages).find(|stage| !stage.on_gpus);
         let on_cpu = match not_on_gpus {
             Some(stage) => Some(format!("the stage {}", stage.name)),
-            None => has_depth.then(|| "--depth".to_owned()),
+            None => on_cpu.map(str::to_owned),
         };
         let device = match (on_cpu, &given.device) {
             (Some(what), Device::Cuda(_)) => {

@@ -84,10 +84,8 @@ fn share_beyond(frame: &Frame, regions: &[Rect], band: Option<&LensBand>) -> f64
     let is_beyond = |y_px: f64, x_px: f64| {
         let (y, x) =
             ((y_px - frame.axis_px.0) * frame.pitch_mm(), (x_px - frame.axis_px.1) * frame.pitch_mm());
-        let real = y.hypot(x);
-        let ratio = band.filter(|_| real > 0.0).map_or(1.0, |b| b.ideal_height_at(real) / real);
-        (y * ratio - frame.center_mm.0).abs() > half_height
-            || (x * ratio - frame.center_mm.1).abs() > half_width
+        let [x, y] = band.map_or([x, y], |b| b.ideal_point_at([x, y]));
+        (y - frame.center_mm.0).abs() > half_height || (x - frame.center_mm.1).abs() > half_width
     };
     let area: f64 = regions.iter().map(|r| r.size().pixels() as f64).sum();
     let beyond = regions.iter().map(|r| {

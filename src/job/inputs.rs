@@ -18,6 +18,8 @@ use serde_json::Value;
 use std::path::Path;
 use std::sync::Once;
 
+/// What films of surfaces at several distances are called where GPUs do not compute them.
+pub const DEPTH: &str = "--depth";
 /// Relative difference of focal lengths or pitches that are the same.
 const SAME: f64 = 1e-6;
 
@@ -38,14 +40,26 @@ impl Opened {
             check_has_files(Path::new(&args.chart))?;
         }
         let chart = open_chart(args, args.nan)?;
-        let lens = UntracedLens::open_focused(&args.lens, &args.surfaces, &args.tracing)?;
+        let lens =
+            UntracedLens::open_focused(&args.lens, &args.surfaces, &args.tracing)?.with_errors(&args.built)?;
         let surfaces = SurfacePaths::of_job(&args.surfaces, &args.chart, &chart)?;
+        if !lens.is_symmetric() {
+            check_asymmetric(args)?;
+        }
         Ok(Self { chart, lens, surfaces })
     }
 
     /// Whether there are surfaces at several distances.
     pub fn has_depth(&self) -> bool {
         !self.surfaces.is_empty()
+    }
+
+    /// What GPUs do not compute.
+    pub fn on_cpu(&self) -> Option<&'static str> {
+        match self.lens.is_symmetric() {
+            true => self.has_depth().then_some(DEPTH),
+            false => Some("a lens without rotational symmetry"),
+        }
     }
 }
 
@@ -139,6 +153,23 @@ impl Inputs {
     /// Wavelengths of the bands that this process computes, nm.
     pub fn wavelengths_nm(&self) -> Vec<f64> {
         self.film_bands.iter().map(|&b| self.selected_nm[b]).collect()
+    }
+}
+
+/// What films of a lens without rotational symmetry cannot have.
+///
+/// # Errors
+/// Usage: stray light, bands with a width.
+fn check_asymmetric(args: &RunArgs) -> Result<()> {
+    let refused = [
+        (args.veil.is_on(), "scatter, veiling glare and ghosts"),
+        (args.tracing.integrated_bands().is_some(), "--band-samples"),
+    ];
+    match refused.iter().find(|(is_asked, _)| *is_asked) {
+        None => Ok(()),
+        Some((_, what)) => {
+            Err(usage(format!("{what}: expected a lens with rotational symmetry, `{}` has none", args.lens)))
+        }
     }
 }
 

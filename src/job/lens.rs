@@ -3,8 +3,11 @@
 pub mod attributes;
 mod band_widths;
 mod blur;
+pub mod built;
+mod built_bands;
 pub mod cache;
 pub mod depth_nodes;
+pub mod drawn;
 pub mod energy;
 mod estimate;
 mod reach;
@@ -15,12 +18,13 @@ mod traced;
 mod tracing;
 mod tracing_job;
 
-use crate::args::{CoatingsArg, DEPTH_TOLERANCE, DepthArgs, TracingArgs};
+use crate::args::{BuiltArgs, CoatingsArg, DEPTH_TOLERANCE, DepthArgs, TracingArgs};
 use crate::design::{self, DesignFile};
 use crate::failure::usage;
 use crate::open;
 use anyhow::{Context, Result};
 use band_widths::BandWidths;
+use drawn::DrawnLens;
 pub use estimate::estimated;
 use formats::lens::{LensPack, LensPackError};
 use pipeline::band::{LensBands, Options};
@@ -36,6 +40,7 @@ use pipeline::lens::{Lens, LensBand, PsfStack};
 use pipeline::psf::kernel::NodeKernels;
 use pipeline::psf::kernel::on_demand::PsfReader;
 use pipeline::simd::Simd;
+use serde_json::Value;
 use std::sync::Arc;
 use traced::Traced;
 pub use tracing::without_flags;
@@ -66,17 +71,48 @@ pub struct UntracedDesign {
     pub tracing: Option<TracingArgs>,
     /// Widths of its bands; none if a band is one wavelength.
     bands: Option<BandWidths>,
+    /// The lens as built, if it is drawn from manufacturing errors.
+    drawn: Option<DrawnLens>,
 }
 
 impl UntracedLens {
     /// Opens a design, a pack, or a built-in lens, for a command without flags of tracing.
     pub fn open(name: &str) -> Result<Self> {
+        if !design::is_design(name) {
+            return Ok(Self::Pack(Box::new(open::symmetric_lens(name)?)));
+        }
         let opened = Self::open_focused(name, &DepthArgs::default(), &TracingArgs::default())
             .map_err(|e| without_flags(name, e))?;
         Ok(match opened {
             Self::Design(design) => Self::Design(Box::new(UntracedDesign { tracing: None, ..*design })),
             pack => pack,
         })
+    }
+
+    /// Whether its tables are over image height.
+    pub fn is_symmetric(&self) -> bool {
+        match self {
+            Self::Pack(pack) => pack.lens().is_symmetric(),
+            Self::Design(design) => design.drawn.is_none(),
+        }
+    }
+
+    /// The lens as built that `args` draw; without tolerances the lens itself.
+    ///
+    /// # Errors
+    /// Usage: tolerances of a pack; errors that the design does not have.
+    pub fn with_errors(self, args: &BuiltArgs) -> Result<Self> {
+        match self {
+            Self::Design(design) => {
+                let drawn = DrawnLens::new(args, &design.system)?;
+                Ok(Self::Design(Box::new(UntracedDesign { drawn, ..*design })))
+            }
+            Self::Pack(pack) if args.tolerances.is_some() => Err(usage(format!(
+                "--tolerances: expected a design; lens `{}` is a lens pack, which was traced before",
+                pack.path().display()
+            ))),
+            pack => Ok(pack),
+        }
     }
 
     /// Opens a design with `coatings`, or a pack, whose tables have theirs.
@@ -99,7 +135,14 @@ impl UntracedLens {
         if design::is_design(name) {
             let (system, file) = design::focused(name, &tracing.design(&given.gap), given.focus_m)?;
             let (name, tracing) = (name.to_owned(), Some(tracing.clone()));
-            return Ok(Self::Design(Box::new(UntracedDesign { system, name, file, tracing, bands: None })));
+            return Ok(Self::Design(Box::new(UntracedDesign {
+                system,
+                name,
+                file,
+                tracing,
+                bands: None,
+                drawn: None,
+            })));
         }
         let pack = Box::new(open::lens(name)?);
         if let [flags @ .., last] = &tracing.given()[..] {
@@ -136,6 +179,11 @@ impl UntracedLens {
     /// # Errors
     /// Usage: a pack with nodes for a flat chart.
     pub fn depth_nodes(&self, name: &str, has_depth: bool) -> Result<Option<(f64, f64)>> {
+        if has_depth && !self.is_symmetric() {
+            return Err(usage(format!(
+                "surfaces at distances: expected a lens with rotational symmetry, `{name}` has none (`--depth none` makes a film of a flat chart)"
+            )));
+        }
         let Self::Pack(pack) = self else { return Ok(None) };
         match (has_depth, &pack.lens().depth) {
             (false, Some(_)) => Err(usage(format!(
@@ -261,7 +309,7 @@ impl JobLens {
         match input {
             UntracedLens::Pack(pack) => Ok(Self::Pack(Arc::from(pack))),
             UntracedLens::Design(design) => {
-                let UntracedDesign { system, name, file, tracing, bands } = *design;
+                let UntracedDesign { system, name, file, tracing, bands, drawn } = *design;
                 let job = TracingJob {
                     system: &system,
                     name: &name,
@@ -270,6 +318,7 @@ impl JobLens {
                     tracing: tracing.as_ref(),
                     depth,
                     bands: bands.as_ref(),
+                    drawn: drawn.as_ref(),
                 };
                 let traced = self::tracing::trace(&job, wavelengths_nm, threads);
                 let traced = traced.with_context(|| format!("tracing {name}"));
@@ -277,7 +326,7 @@ impl JobLens {
                     Some(_) => traced?,
                     None => traced.map_err(|e| without_flags(&name, e))?,
                 };
-                Ok(Self::Traced(Box::new(Traced { file, ..traced })))
+                Ok(Self::Traced(Box::new(Traced { file, drawn, ..traced })))
             }
         }
     }
@@ -287,6 +336,16 @@ impl JobLens {
             Self::Pack(pack) => pack.lens(),
             Self::Traced(traced) => &traced.lens,
         }
+    }
+
+    /// Manufacturing errors of a lens as built, and what was adjusted, as recorded in its pack.
+    pub fn errors(&self) -> Option<[(&'static str, &Value); 2]> {
+        let pack = match self {
+            Self::Pack(pack) => pack,
+            Self::Traced(traced) => traced.packs.first()?,
+        };
+        let attributes = pack.attributes();
+        Some([("errors", attributes.errors.as_ref()?), ("compensators", attributes.compensators.as_ref()?)])
     }
 
     /// The lens pack; none for a design.
@@ -366,6 +425,7 @@ impl JobLens {
             Self::Pack(pack) => Ok(pack.check_unchanged()?),
             Self::Traced(traced) => {
                 traced.packs.iter().try_for_each(|pack| pack.check_unchanged())?;
+                traced.drawn.as_ref().map_or(Ok(()), DrawnLens::check_unchanged)?;
                 traced.file.as_ref().map_or(Ok(()), DesignFile::check_unchanged)
             }
         }
@@ -384,7 +444,7 @@ impl JobLens {
         let bytes = |(b, band): (usize, &LensBand)| {
             let nodes = self.lens().depth.iter().flat_map(|depth| &depth.bands[b].nodes);
             let samples = nodes.map(|node| node.psf_height_mm.len() * node.psf_size.pow(2)).max();
-            let samples = samples.unwrap_or(band.psf_height_mm.len() * band.psf_size * band.psf_size);
+            let samples = samples.unwrap_or(band.psf_count() * band.psf_size * band.psf_size);
             4 * samples + self.psf_reading_bytes(b)
         };
         self.lens().bands.iter().enumerate().map(bytes).max().unwrap_or(0)

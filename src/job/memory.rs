@@ -229,7 +229,7 @@ impl MemoryInputs<'_> {
         let bands_in_memory = BANDS_IN_MEMORY.max(1 + 2 * gpus.queues);
         // One for about four nodes.
         let base_kernels = |p: &BandPlan| {
-            let nodes = p.grid.as_ref().map_or(0, |grid| grid.len() / 4 + grid.heights_px().len());
+            let nodes = p.grid.as_ref().map_or(0, |grid| grid.len() / 4 + grid.psf_sets());
             4 * nodes * p.blocks.map_or(0, |blocks| blocks.window.pow(2))
         };
         let of_stages =
@@ -240,8 +240,11 @@ impl MemoryInputs<'_> {
                 return self.threads
                     * (4 * depth.max_samples() + depth.max_psf_bytes() + (self.psf_reading)(p));
             }
+            if p.reads_on_demand() {
+                return self.threads * (2 * p.largest_set_bytes() + (self.psf_reading)(p));
+            }
             let stacks = if p.lens_bands.second.is_some() { 3 } else { 1 };
-            let samples = p.lens.psf_height_mm.len() * p.lens.psf_size.pow(2);
+            let samples = p.lens.psf_count() * p.lens.psf_size.pow(2);
             if p.grid.is_some() { 4 * stacks * samples + (self.psf_reading)(p) } else { 0 }
         };
         // While the last of some consecutive bands is read.
@@ -250,11 +253,10 @@ impl MemoryInputs<'_> {
             bands.iter().map(of_stages).sum::<usize>() + reading(&self.bands[end - 1])
         });
         let kernels = kernels.max().unwrap_or(0);
-        let field_points = |p: &BandPlan| p.lens.ideal_height_mm.len();
-        let tables = self.bands.iter().map(|p| 24 * field_points(p)).sum::<usize>();
+        let tables = self.bands.iter().map(|p| p.lens.table_bytes()).sum::<usize>();
         kernels.max(self.max_psf_reading)
             + tables
-            + bands_in_memory * remap::table_bytes(self.max(field_points))
+            + bands_in_memory * self.max(|p| remap::table_bytes(&p.lens))
             + gpus.queues * self.max(base_kernels)
     }
 

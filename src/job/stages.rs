@@ -35,6 +35,11 @@ pub fn stages(job: &Job, position: usize) -> Result<BandStages, StageError> {
         let reader = job.lens.psf_reader(plan.lens_bands.first);
         return Ok(plan.depth_stages(position, &job.frame, job.lens.lens(), &job.options, gain, reader));
     }
+    if plan.reads_on_demand() {
+        let reader = job.lens.psf_reader(plan.lens_bands.first);
+        let sample = job.lens.lens().psf_sample;
+        return Ok(plan.stages_on_demand(position, &job.frame, sample, &job.options, gain, reader));
+    }
     let read_psfs = |band: usize| match plan.node {
         Some(node) => Ok(job.lens.psf_of_node(band, node)?),
         None => Ok::<_, StageError>(job.lens.psf(band)?),
@@ -102,8 +107,13 @@ pub fn prepare(
     let mut stages = stages(job, position)?;
     stages.layers = layers(job, store, position)?;
     if let Some(psf) = &stages.psf {
-        let windows = std::iter::zip(&plan.lens.psf_energy, psf.kernels().energy());
-        let mean = windows.map(|(pack, crop)| pack * crop).sum::<f64>() / plan.lens.psf_energy.len() as f64;
+        let in_windows = &plan.lens.psf_energy;
+        let sum: f64 = match psf.is_in_memory() {
+            true => std::iter::zip(in_windows, psf.kernels().energy()).map(|(pack, crop)| pack * crop).sum(),
+            // What `--psf-window` crops of PSFs that are not read yet is not known.
+            false => in_windows.iter().sum(),
+        };
+        let mean = sum / in_windows.len() as f64;
         energy.lock().expect("no panic while held")[position] = Some(mean);
     }
     Ok(stages)

@@ -26,12 +26,12 @@ impl RemapStretch {
             let remap =
                 Remap::new(frame, &plan.lens, options.stages, options.interpolation, 1.0, options.simd);
             let band = remap.stretch(&plan.tiling);
-            let (ideal, real) = (&plan.lens.ideal_height_mm, &plan.lens.image_height_mm);
             let range = (all.range.0.min(band.least), all.range.1.max(band.greatest));
             match range == all.range {
                 true => all,
                 false => {
-                    Self { range, near_axis: ideal[1] / real[1], wavelength_nm: plan.lens.wavelength_nm }
+                    let near_axis = plan.lens.scale_on_axis();
+                    Self { range, near_axis, wavelength_nm: plan.lens.wavelength_nm }
                 }
             }
         })

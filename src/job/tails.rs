@@ -32,7 +32,7 @@ pub struct JobTail {
 pub fn has_tails(args: &RunArgs, has_depth: bool, lens: &UntracedLens) -> Result<bool> {
     let has_tails = args.tracing.admits_tails(args.stages.contains(&Stage::Svpsf), has_depth)
         && match lens {
-            UntracedLens::Design(_) => true,
+            UntracedLens::Design(_) => lens.is_symmetric(),
             UntracedLens::Pack(pack) => {
                 pack.lens().depth.is_none() && pack.lens().bands.iter().any(|band| band.tail.is_some())
             }
@@ -126,6 +126,9 @@ pub fn note(args: &RunArgs, plan: &JobPlan, has_depth: bool) -> Option<String> {
     let scaled = "the light of PSFs beyond their windows is scaled into them";
     if has_depth {
         return Some(format!("no tails of surfaces at distances: {scaled}"));
+    }
+    if !plan.lens.lens().is_symmetric() {
+        return Some(format!("no tails of lenses without rotational symmetry: {scaled}"));
     }
     if args.tracing.integrated_bands().is_some() {
         return Some(format!("no tails of bands with --band-samples: {scaled}"));

@@ -1,7 +1,7 @@
 //! Inputs and the film of a job.
 
 use super::guard::Guard;
-use crate::args::{CoatingsArg, DepthArgs, GhostArgs, RunArgs, TracingArgs};
+use crate::args::{BuiltArgs, CoatingsArg, DepthArgs, GhostArgs, RunArgs, TracingArgs};
 use crate::design::coating_tables;
 use std::path::PathBuf;
 
@@ -16,7 +16,13 @@ impl Guard {
         self.reads_surfaces(&args.surfaces)
             .reads_lens(&args.lens)
             .reads_glasses(&args.tracing)
+            .reads_tolerances(&args.built)
             .reads_ghosts(&args.veil.ghosts)
+    }
+
+    /// Adds a description of manufacturing errors.
+    pub fn reads_tolerances(self, args: &BuiltArgs) -> Self {
+        args.tolerances.iter().fold(self, |guard, path| guard.reads("tolerances", path))
     }
 
     /// Adds a table of the film's reflectance.

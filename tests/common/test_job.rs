@@ -91,6 +91,7 @@ impl TestJob {
         let band = |nm| LensBand {
             psf_energy: vec![0.99; 4],
             tail: has_tails.then(|| tail.clone()),
+            planar: None,
             ..identity_band(nm, 1.0, 21)
         };
         let lens = lens([450.0, 500.0].map(band).into());

@@ -3,6 +3,7 @@
 //! Of a design: system data, then figures traced at the wavelengths of the design. Of a pack: a summary of its arrays, then figures
 //! of its tables and PSFs; RMS is then the radius of the PSF inside its window, and GEO, which needs rays, is not available.
 
+use super::asymmetric;
 use super::plots;
 use super::shown::Shown;
 use super::tables::{self, Request, Table, csv_file, design_figures, design_json};
@@ -33,6 +34,9 @@ const SHARES: [f64; 5] = [0.0, 0.25, 0.5, 0.75, 1.0];
 
 /// Runs the command.
 pub fn command(args: &ShowArgs) -> Result<()> {
+    if let Some(pack) = asymmetric::pack(args)? {
+        return asymmetric::show(args, &pack);
+    }
     let lens = LensData::open(&args.lens, &args.design)?;
     if args.overwrite && args.plot.is_none() && args.csv.is_none() {
         return Err(usage("--overwrite replaces figures and tables: give --plot or --csv, too"));

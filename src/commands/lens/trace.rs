@@ -1,5 +1,6 @@
 //! `lenscube lens trace`: traces a design into a lens pack.
 
+mod built;
 pub mod depth;
 mod estimate;
 mod writer;
@@ -8,6 +9,7 @@ use crate::args::{Store, TraceArgs};
 use crate::design;
 use crate::failure::{other_job, usage};
 use crate::job::lens::attributes::attributes;
+use crate::job::lens::drawn::DrawnLens;
 use crate::job::lens::energy::{MissedEnergy, percent};
 use crate::job::lens::tails;
 use crate::progress::{TracingBar, detail_line, log_line, number, plural};
@@ -42,6 +44,9 @@ pub fn command(args: &TraceArgs) -> Result<()> {
         log_line(format!("note: {note}"));
     }
     let options = options(args, &system)?;
+    if let Some(drawn) = DrawnLens::new(&args.built, &system)? {
+        return built::trace(args, &drawn, &options, start);
+    }
     if let Some(depth) = depth {
         if args.tails {
             log_line("note: a pack with depth nodes has no tails: its PSFs are scaled into their windows");
@@ -63,7 +68,7 @@ pub fn command(args: &TraceArgs) -> Result<()> {
             1e-3 * psf_mb
         ));
     }
-    let pack = create_pack(&args.out)?;
+    let pack = create_pack(&args.out, |out| LensPackWriter::create(out))?;
     let bar = TracingBar::new(options.wavelengths_nm.len());
     let mut reports: Vec<BandReport> = Vec::new();
     let mut progress = |p: Progress| {
@@ -125,9 +130,12 @@ fn system(args: &TraceArgs) -> Result<(System, Option<DepthOptions>)> {
     Ok((system, Some(DepthOptions { focus, range, tolerance: args.depth_tolerance })))
 }
 
-/// Begins the pack `out`.
-fn create_pack(out: &Path) -> Result<LensPackWriter> {
-    LensPackWriter::create(out).map_err(|e| match e {
+/// Begins the pack `out`, by `create`.
+fn create_pack(
+    out: &Path,
+    create: impl FnOnce(&Path) -> Result<LensPackWriter, LensPackError>,
+) -> Result<LensPackWriter> {
+    create(out).map_err(|e| match e {
         LensPackError::Exists { .. } => other_job(e.to_string()),
         e => e.into(),
     })

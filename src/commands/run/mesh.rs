@@ -9,6 +9,7 @@ use crate::args::{PlacementArgs, RunCommand, SceneArgs};
 use crate::commands::scene;
 use crate::failure::{other_job, usage};
 use crate::job::arguments::Arguments;
+use crate::job::inputs::DEPTH;
 use crate::open::{check_has_files, is_mesh};
 use crate::progress::jsonl::Jsonl;
 use crate::progress::log_line;
@@ -39,7 +40,7 @@ pub fn scene_path(film: &Path) -> PathBuf {
 pub fn run(args: &RunCommand, jsonl: Option<&Jsonl>) -> Result<u8> {
     let out = scene_path(&args.job.film);
     // What the film would be refused for.
-    Arguments::resolve(&args.job, true)?;
+    Arguments::resolve(&args.job, true, Some(DEPTH))?;
     if !args.job.process.overwrite && Store::at(&link_target(&args.job.film))?.exists()? {
         FilmStore::open(&args.job.film, true).map_err(|e| other_job(e.to_string()))?;
     }

@@ -16,8 +16,9 @@ use super::setup::Setup;
 use anyhow::Result;
 use pipeline::lens::PsfStack;
 use pipeline::measure::expected::{ExpectedEsf, StepEdge};
-use pipeline::psf::grid::{Node, NodeGrid, NodeWeight, PolarExtent};
+use pipeline::psf::grid::{Node, NodeGrid, NodeWeight};
 use pipeline::psf::kernel::{KernelScratch, NodeKernels};
+use pipeline::psf::polar::PolarExtent;
 use pipeline::simd::Simd;
 
 /// Largest change of the edge spread function by each step, as a share of the step height.

@@ -39,6 +39,7 @@ pub fn attributes(
             }),
             &place.coatings,
         )),
+        ..PackAttributes::default()
     }
 }
 

@@ -17,6 +17,9 @@ use anyhow::{Context, Result, bail};
 use formats::durable::{self, HashedFile};
 use formats::lens::{LensPack, LensPackWriter, PackAttributes};
 use pipeline::design::depth::trace::DepthOptions;
+use pipeline::design::skew::map::FilmRange;
+use pipeline::design::skew::system::BuiltLens;
+use pipeline::design::skew::tables::SKEW_VERSION;
 use pipeline::design::trace::{BandRange, NODES_VERSION, TAILS_VERSION, TRACER_VERSION, TraceOptions};
 use pipeline::design::{DesignError, System};
 use pipeline::lens::Lens;
@@ -75,6 +78,16 @@ pub fn recipe(
     if tails {
         text.push_str(&format!("tails {TAILS_VERSION}\n"));
     }
+    blake3::hash(text.as_bytes()).to_hex().to_string()
+}
+
+/// Digest of all inputs of a traced band of the lens as built `lens`, with a map over `range`. `options` must hold its wavelength only.
+pub fn built_recipe(lens: &BuiltLens, options: &TraceOptions, range: &FilmRange) -> String {
+    let text = format!(
+        "lenscube traced band of a lens as built, tracer {TRACER_VERSION}, nodes {NODES_VERSION}, built {SKEW_VERSION}\n{}\n{:?}\n{options:?}\n{range:?}\n",
+        lens.nominal().identity(),
+        lens.deviations()
+    );
     blake3::hash(text.as_bytes()).to_hex().to_string()
 }
 

@@ -3,6 +3,7 @@
 //! The record is not part of the identity of a job, which has the digest of what was traced. Records of other versions of the program or of its tracer are
 //! not compared.
 
+use super::drawn::DrawnLens;
 use super::{UntracedDesign, UntracedLens};
 use crate::args::{RunArgs, TracingArgs};
 use pipeline::design::trace::{NODES_VERSION, TAILS_VERSION, TRACER_VERSION, TraceOptions};
@@ -33,14 +34,18 @@ impl UntracedLens {
     /// The record of a design of the job `args`; none of a pack.
     pub fn request(&self, args: &RunArgs) -> Option<Value> {
         let Self::Design(design) = self else { return None };
-        let UntracedDesign { system, .. } = &**design;
+        let UntracedDesign { system, drawn, .. } = &**design;
+        let mut flags = flags(args);
+        if let Some(drawn) = drawn {
+            flags.extend(drawn.flags());
+        }
         Some(json!({
             "program": env!("CARGO_PKG_VERSION"),
             "tracer": [TRACER_VERSION, NODES_VERSION, TAILS_VERSION],
             "prescription": blake3::hash(system.identity().as_bytes()).to_hex().to_string(),
             "energy": args.tracing.energy.unwrap_or(default_energy()),
             "max_window_px": args.tracing.max_window_px,
-            "flags": flags(args),
+            "flags": flags,
         }))
     }
 }
@@ -55,7 +60,11 @@ pub fn difference(recorded: &Value, requested: &Value) -> Option<String> {
     let same = |key: &str| recorded.get(key) == requested.get(key);
     // The largest window that is not given may be the one that is.
     let is_open = [recorded, requested].into_iter().any(|of| of["max_window_px"].is_null());
-    let same_lens = same("prescription") && same("energy") && (is_open || same("max_window_px"));
+    let drawn = |of: &Value| DrawnLens::FLAGS.map(|flag| of["flags"].get(flag).cloned());
+    let same_lens = same("prescription")
+        && drawn(recorded) == drawn(requested)
+        && same("energy")
+        && (is_open || same("max_window_px"));
     if !(same("program") && same("tracer")) || same_lens {
         return None;
     }
@@ -63,7 +72,8 @@ pub fn difference(recorded: &Value, requested: &Value) -> Option<String> {
     let flags = |of: &Value| of.get("flags").and_then(Value::as_object).unwrap_or(&empty).clone();
     let (film, asked) = (flags(recorded), flags(requested));
     let text = |value: Option<&Value>| value.and_then(Value::as_str).unwrap_or("nothing").to_owned();
-    let differing = asked.keys().filter(|flag| film.get(*flag) != asked.get(*flag));
+    let all = asked.keys().chain(film.keys().filter(|flag| !asked.contains_key(*flag)));
+    let differing = all.filter(|flag| film.get(*flag) != asked.get(*flag));
     let list: Vec<String> = differing
         .map(|flag| format!("{flag} (film {}, requested {})", text(film.get(flag)), text(asked.get(flag))))
         .collect();

@@ -99,7 +99,7 @@ impl LensData {
             let description = describe(&system).with_context(|| format!("design {name}"))?;
             return Ok(Self::Design(Box::new(system), Box::new(description)));
         }
-        let pack = open::lens(name)?;
+        let pack = open::symmetric_lens(name)?;
         if *args != DesignArgs::default() {
             return Err(usage(format!(
                 "`{name}` is a lens pack with a fixed film plane and object distance; the flags for film plane, object, aiming \

@@ -1,6 +1,7 @@
 //! A traced design: its bands, and what identifies them.
 
 use super::cache::Cache;
+use super::drawn::DrawnLens;
 use crate::design::DesignFile;
 use formats::lens::LensPack;
 use pipeline::lens::Lens;
@@ -19,6 +20,8 @@ pub struct Traced {
     pub(super) ideal_light: Option<String>,
     /// File of the design, unless it is built in.
     pub(super) file: Option<DesignFile>,
+    /// The lens as built, if it has manufacturing errors.
+    pub(super) drawn: Option<DrawnLens>,
     /// Keeps a temporary cache until the packs are closed.
     pub(super) _cache: Cache,
 }

@@ -10,6 +10,7 @@
 
 use super::attributes::attributes;
 use super::blur::{check_blur, margin_mm};
+use super::built::BuiltBands;
 use super::energy::{self, MissedEnergy};
 use super::reach::{BandReach, Reach};
 use super::traced::Traced;
@@ -37,6 +38,8 @@ use std::time::Instant;
 const WIDE_WINDOW_PX: usize = 201;
 /// Maximum of the PSFs of a band in the cache, bytes uncompressed; of larger ones their pupil functions are stored.
 const MAX_PSF_BYTES: usize = 32_000_000;
+/// Reach of a band over one whose map does not cover the film.
+const WIDER: f64 = 1.02;
 /// Height of the film's corner over that of the outermost field point, from which a note is printed.
 const BEYOND_FIELD: f64 = 1.05;
 
@@ -97,6 +100,7 @@ pub(super) fn trace(job: &TracingJob<'_>, wavelengths_nm: &[f64], threads: usize
         reach,
         cache: Cache::open()?,
         shared: SharedNodes::default(),
+        built: job.drawn.map(|drawn| BuiltBands::new(job, drawn, threads)).transpose()?,
         threads,
         bar: TracingBar::new(nm.len()),
         traced: 0,
@@ -131,6 +135,7 @@ pub(super) fn trace(job: &TracingJob<'_>, wavelengths_nm: &[f64], threads: usize
     }
     tracer.bar.finish();
     let (mut notes, mut details) = (Vec::new(), Vec::new());
+    notes.extend(tracer.built.iter().flat_map(BuiltBands::notes).cloned());
     if design::is_builtin(name) { &mut details } else { &mut notes }.extend(system.notes.iter().cloned());
     if tracer.traced > 0 {
         details.push(format!(
@@ -171,7 +176,18 @@ pub(super) fn trace(job: &TracingJob<'_>, wavelengths_nm: &[f64], threads: usize
     let lens = lens.context("the chart has no band")?;
     let digest = blake3::hash(recipes.concat().as_bytes()).to_hex().to_string();
     let ideal_light = design::note_on_ideal(system, wavelengths_nm);
-    Ok(Traced { lens, packs, recipes, digest, notes, details, ideal_light, file: None, _cache: tracer.cache })
+    Ok(Traced {
+        lens,
+        packs,
+        recipes,
+        digest,
+        notes,
+        details,
+        ideal_light,
+        file: None,
+        drawn: None,
+        _cache: tracer.cache,
+    })
 }
 
 /// Maximum L1 error of kernels between the nodes of a traced band; 0 if it was not determined.
@@ -214,6 +230,8 @@ pub(super) struct BandTracer<'a> {
     reach: Reach<'a>,
     pub(super) cache: Cache,
     pub(super) shared: SharedNodes,
+    /// The lens as built, if it has manufacturing errors.
+    pub(super) built: Option<BuiltBands>,
     pub(super) threads: usize,
     pub(super) bar: TracingBar,
     /// Number of bands that were not in the cache.
@@ -271,6 +289,7 @@ impl BandTracer<'_> {
                 self.reach.wider(chief_rays, reach, &pack).or_else(|| match job.plan(pack.lens(), nm) {
                     // E.g. film pixels much larger than those of the trace.
                     Err(LensError::Outside { needed_mm, .. }) => Some(BandReach::up_to(needed_mm)),
+                    Err(LensError::OutsideMap { .. }) => Some(BandReach::up_to(WIDER * reach.reach_mm)),
                     // Other errors are reported when the job plans its bands.
                     _ => None,
                 });
@@ -289,6 +308,9 @@ impl BandTracer<'_> {
         let with = |reports: &[BandReport]| attributes(name, &parameters, options, reports);
         if let Some(depth) = &depth {
             return self.depth_band(options, depth, &with);
+        }
+        if self.built.is_some() {
+            return self.built_band(options, &with);
         }
         let range = self.job.bands.map(|bands| bands.of(nm)).transpose()?;
         let tails = self.job.has_tails();

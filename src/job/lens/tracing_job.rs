@@ -4,6 +4,7 @@
 //! pixels need fewer nodes and admit wider PSFs.
 
 use super::band_widths::BandWidths;
+use super::drawn::DrawnLens;
 use crate::args::TracingArgs;
 use pipeline::band::{BandPlan, Options};
 use pipeline::depth::plan::Surfaces;
@@ -48,13 +49,16 @@ pub(super) struct TracingJob<'a> {
     pub(super) depth: Option<TracedFor<'a>>,
     /// Widths of the bands; none if a band is one wavelength.
     pub(super) bands: Option<&'a BandWidths>,
+    /// The lens as built, if it has manufacturing errors.
+    pub(super) drawn: Option<&'a DrawnLens>,
 }
 
 impl TracingJob<'_> {
     /// Whether its bands have tails.
     pub(super) fn has_tails(&self) -> bool {
         let has_psfs = self.options.stages.has(Stage::Svpsf);
-        self.tracing.is_some_and(|tracing| tracing.admits_tails(has_psfs, self.depth.is_some()))
+        self.drawn.is_none()
+            && self.tracing.is_some_and(|tracing| tracing.admits_tails(has_psfs, self.depth.is_some()))
     }
 
     /// Plan of the band at `nm` with `lens`.

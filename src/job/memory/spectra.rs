@@ -1,4 +1,4 @@
-//! Bytes of one spectrum, and of PSFs of depth nodes.
+//! Bytes of one spectrum, and of PSFs that are read on demand.
 
 use pipeline::band::BandPlan;
 use pipeline::depth::plan::DepthPlan;
@@ -10,12 +10,14 @@ pub(super) fn largest_spectrum(plan: &BandPlan) -> usize {
     nodes.map(|n| n.blocks.spectrum_bytes()).fold(flat, usize::max)
 }
 
-/// Bytes of the largest PSF of a depth node of `plan`, ready for kernels.
+/// Bytes of the PSFs of `plan` that are read together, ready for kernels: a depth node's largest, or those of a height.
 pub(super) fn largest_psf(plan: &BandPlan) -> usize {
-    plan.depth.as_ref().map_or(0, DepthPlan::max_psf_bytes)
+    let of_height = if plan.reads_on_demand() { plan.largest_set_bytes() } else { 0 };
+    plan.depth.as_ref().map_or(of_height, DepthPlan::max_psf_bytes)
 }
 
-/// Bytes of all PSFs of depth nodes of `plan`, ready for kernels.
+/// Bytes of all PSFs of `plan` that are read on demand, ready for kernels.
 pub(super) fn psfs_on_demand(plan: &BandPlan) -> usize {
-    plan.depth.as_ref().map_or(0, DepthPlan::kernels_bytes)
+    let of_band = if plan.reads_on_demand() { plan.kernels_bytes() } else { 0 };
+    plan.depth.as_ref().map_or(of_band, DepthPlan::kernels_bytes)
 }

@@ -9,6 +9,7 @@ use crate::job::lens::energy::{MissedEnergy, percent};
 use crate::progress::short_number;
 use crate::progress::{TracingBar, detail_line, log_line, number, plural};
 use anyhow::{Context, Result};
+use formats::lens::LensPackWriter;
 use pipeline::design::System;
 use pipeline::design::depth::estimate::{estimate, range_that_fits};
 use pipeline::design::depth::trace::{DepthOptions, band, estimated_nodes, header, nodes};
@@ -38,7 +39,7 @@ pub fn trace(
         head.blur_per_dioptre_um / options.film_pitch_um
     ));
     announce(args, system, options, depth).with_context(tracing)?;
-    let mut pack = create_pack(&args.out)?;
+    let mut pack = create_pack(&args.out, |out| LensPackWriter::create(out))?;
     let bar = TracingBar::new(options.wavelengths_nm.len());
     let mut reports = Vec::new();
     for (index, nm) in options.wavelengths_nm.iter().copied().map(number).enumerate() {

@@ -1,0 +1,127 @@
+//! Lenses as built: `lens trace --tolerances` and films of drawn lenses.
+
+use super::runs::{DesignJob, attributes};
+use super::*;
+
+/// Errors of the rear element, and how it is focused.
+fn tolerances(job: &DesignJob, name: &str, entries: &str) -> PathBuf {
+    let path = job.at(name);
+    fs::write(&path, format!("{entries}\n[criterion]\nkind = \"rms-spot\"\n")).unwrap();
+    path
+}
+
+const ERRORS: &str =
+    "[[element]]\nsurfaces = [10, 11]\ndecentre_um = 30\ntilt_arcmin = 3\n[[film]]\ntilt_arcmin = 5\n";
+const NO_ERRORS: &str =
+    "[[element]]\nsurfaces = [10, 11]\ndecentre_um = [0, 0]\n[compensate]\nfocus = false\n";
+
+#[test]
+fn a_lens_without_errors_makes_the_film_of_its_design() {
+    let job = DesignJob::new();
+    let none = tolerances(&job, "none.toml", NO_ERRORS);
+    let built = job.run("cache", "built", &["--tolerances", text(&none)]).ok();
+    assert!(built.stderr.contains("no tails of lenses without rotational symmetry"), "{}", built.stderr);
+    job.run("cache", "nominal", &["--tails", "off"]).ok();
+    let [built, nominal] = ["built", "nominal"].map(|film| pixels(&job.at(film), "film").1);
+    let peak = nominal.iter().flatten().fold(0.0, |a: f32, v| a.max(*v));
+    let worst = pairs(&built, &nominal).map(|(a, b)| (a - b).abs()).fold(0.0, f32::max);
+    // Coordinates of map and tables differ by up to 1e-4 px, PSFs by rounding.
+    assert!(worst < 2e-4 * peak, "{worst} of {peak}");
+}
+
+#[test]
+fn a_drawn_lens_depends_on_seed_and_sample_and_is_resumed_only_by_itself() {
+    let job = DesignJob::new();
+    let file = tolerances(&job, "tol.toml", ERRORS);
+    let run = |film: &str, flags: &[&str]| {
+        job.run("cache", film, &[&["--tolerances", text(&file)], flags].concat())
+    };
+    run("first", &["--lens-sample", "1"]).ok();
+    job.run("other", "again", &["--tolerances", text(&file), "--lens-sample", "1", "--threads", "1"]).ok();
+    let film = |name: &str| bits(&pixels(&job.at(name), "film").1);
+    assert!(film("first") == film("again"), "the same lens");
+    let other = run("first", &["--lens-sample", "2"]);
+    assert_error_line(&other, OTHER_JOB, &["--lens-sample (film 1, requested 2)"]);
+    run("two", &["--lens-sample", "2"]).ok();
+    assert!(film("first") != film("two"), "another lens");
+    let source = attributes(&job.at("first"))["provenance"]["source"].to_string();
+    assert!(source.contains("element 10-11/decentre_x"), "{source}");
+}
+
+#[test]
+fn a_pack_of_a_drawn_lens_makes_films_and_other_commands_refuse_it_in_one_line() {
+    let job = DesignJob::new();
+    let file = tolerances(&job, "tol.toml", ERRORS);
+    let pack = job.at("built.lens.zarr");
+    let design = job.at("my.zmx");
+    let words = ["lens", "trace", text(&design), text(&pack), "--wavelengths", "450,500"];
+    let flags = [
+        "--max-height-mm",
+        "1.2",
+        "--film-pitch-um",
+        "10",
+        "--tolerances",
+        text(&file),
+        "--lens-sample",
+        "3",
+    ];
+    lenscube(&[&words[..], &flags].concat()).ok();
+    let schema = fs::read_to_string(pack.join("zarr.json")).unwrap();
+    assert!(schema.contains("lenscube/lens-pack/4"), "{schema}");
+    let shown = lenscube(&["lens", "show", text(&pack)]).ok();
+    assert!(shown.stdout.contains("map") && shown.stdout.contains("azimuths"), "{}", shown.stdout);
+    job.run("cache", "film", &["--lens", text(&pack)]).ok();
+    let refused: [&[&str]; 3] = [
+        &["lens", "diff", text(&pack), "double-gauss-28"],
+        &["bench", "--lens", text(&pack)],
+        &["validate", "--lens", text(&pack), "--out", "report"],
+    ];
+    for words in refused {
+        assert_error_line(&lenscube(words), USAGE, &["no rotational symmetry"]);
+    }
+    let twice = job.run("cache", "film", &["--lens", text(&pack), "--tolerances", text(&file)]);
+    assert_error_line(&twice, USAGE, &["--tolerances: expected a design"]);
+}
+
+#[test]
+fn films_of_several_lenses_have_the_index_in_their_path() {
+    let job = DesignJob::new();
+    let file = tolerances(&job, "tol.toml", ERRORS);
+    let flags = ["--tolerances", text(&file), "--lens-sample", "0:2", "--bands", "#0"];
+    job.run("cache", "built-{sample}.zarr", &flags).ok();
+    assert!(job.at("built-0.zarr").is_dir() && job.at("built-1.zarr").is_dir());
+    let unnamed = job.run("cache", "built.zarr", &flags);
+    assert_error_line(&unnamed, USAGE, &["needs {sample} in its path"]);
+    // Of a lens whose element is far beside the axis no light arrives; the others go on.
+    let lost = tolerances(
+        &job,
+        "lost.toml",
+        "[[element]]\nsurfaces = [1, 2]\ndecentre_x_um = { limits = [0, 80000], law = \"two-point\" }\n",
+    );
+    let flags = ["--tolerances", text(&lost), "--lens-sample", "0:4", "--bands", "#0"];
+    let some = job.run("cache", "lost-{sample}.zarr", &flags);
+    assert_exit(&some, 4, &["no film of lens"]);
+    let made = (0..4).filter(|k| job.at(&format!("lost-{k}.zarr")).is_dir()).count();
+    assert!((1..4).contains(&made), "{made} films");
+}
+
+#[test]
+fn what_lenses_without_symmetry_do_not_have_is_an_error_of_one_line() {
+    let job = DesignJob::new();
+    let file = tolerances(&job, "tol.toml", ERRORS);
+    let cases: [(&[&str], &str); 6] = [
+        (&["--depth", "2"], "rotational symmetry"),
+        (&["--device", "cuda"], "computed on the CPU"),
+        (&["--coatings", "mgf2"], "has a coating"),
+        (&["--veiling-glare", "1%"], "veiling glare"),
+        (&["--band-samples", "2"], "--band-samples"),
+        (&["--lens-sample", "5:5"], "--lens-sample"),
+    ];
+    for (flags, named) in cases {
+        let refused = job.run("cache", "film", &[&["--tolerances", text(&file)], flags].concat());
+        assert_exit(&refused, USAGE, &[named]);
+    }
+    let unknown = tolerances(&job, "unknown.toml", "[[element]]\nsurfaces = [9, 40]\ndecentre_um = 30\n");
+    let refused = job.run("cache", "film", &["--tolerances", text(&unknown)]);
+    assert_error_line(&refused, USAGE, &["unknown.toml", "40"]);
+}
