@@ -125,9 +125,10 @@ type Group = (&'static str, &'static str, &'static [&'static str], usize);
 
 const FLAT: &str = "tests/golden/cases";
 const DEPTH: &str = "tests/golden/depth/cases";
+const FIELDS: &str = "tests/golden/fields/cases";
 
 fn main() -> ExitCode {
-    let groups: [Group; 6] = [
+    let groups: [Group; 7] = [
         ("all_stages_with_charts_and_packs_of_all_shapes", FLAT, &["chain-"], 8),
         ("each_surround_with_each_interpolation", FLAT, &["surround-"], 6),
         ("films_of_several_tiles_and_film_regions", FLAT, &["tiles-"], 2),
@@ -139,6 +140,7 @@ fn main() -> ExitCode {
             &["hidden-given", "slanted-", "sheet-0-", "scale-below-one", "invented"],
             6,
         ),
+        ("lenses_without_rotational_symmetry", FIELDS, &["grid-", "polar-"], 7),
     ];
     let mut trials = Vec::new();
     for isa in Isa::ALL {
