@@ -185,7 +185,7 @@ PAGES = {
     "lenses.md": ["MY.zmx", "chart.zarr", "tables"],
     "light.md": ["chart.zarr"],
     "scenes.md": ["room.glb"],
-    "tolerances.md": ["chart.zarr", "tol.toml"],
+    "tolerances.md": ["chart.zarr", "tol.toml", "MY.zmx"],
 }
 
 

@@ -6,6 +6,7 @@ use super::choices::{STYLE, SWITCH, one_of};
 use super::design::{DESIGN_FILES, Depths, DesignArgs, depths, focus_m};
 use super::import::ImportArgs;
 use super::light::LightArgs;
+use super::tolerance::ToleranceArgs;
 use super::values::{bounded, figures, film_point, pitch, positive, share, size, window_px};
 use clap::{ArgAction, Args, Subcommand, ValueEnum};
 use formats::design::{endings_written, names_read, names_written};
@@ -38,6 +39,8 @@ pub enum LensCommand {
     Diff(Box<DiffArgs>),
     /// Trace a design into a lens pack: heights, relative illumination and PSFs
     Trace(Box<TraceArgs>),
+    /// Draw lenses within manufacturing tolerances, focus and judge them: yield, statistics, sensitivities
+    Tolerance(Box<ToleranceArgs>),
     /// Print the pinhole camera whose picture is the chart of a film, for a renderer
     Camera(Box<CameraArgs>),
     /// Print what a lens leaves of the light: transmission, reflectance of each surface

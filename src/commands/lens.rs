@@ -18,6 +18,7 @@ mod show;
 mod shown;
 mod spot_figure;
 pub mod tables;
+pub mod tolerance;
 pub mod trace;
 
 use crate::args::{LensArgs, LensCommand};
@@ -34,6 +35,7 @@ pub fn command(args: &LensArgs) -> Result<()> {
         LensCommand::List(args) => list::command(args),
         LensCommand::Convert(args) => convert::command(args),
         LensCommand::Trace(args) => trace::command(args),
+        LensCommand::Tolerance(args) => tolerance::command(args),
         LensCommand::Import(args) => import::command(args),
     }
 }

@@ -156,6 +156,12 @@ fn of_lens(command: &LensCommand) -> Guard {
         LensCommand::Trace(args) => of_design(&args.design, &args.parameters)
             .reads_tolerances(&args.built)
             .writes("OUT.lens.zarr", &args.out),
+        LensCommand::Tolerance(args) => {
+            let guard = of_design(&args.design, &args.parameters);
+            let guard = args.tolerances.iter().fold(guard, |guard, file| guard.reads("tolerances", file));
+            in_directory(guard, "--out", args.out.as_deref(), lens::tolerance::all_files())
+                .may_write("--output", args.output.as_ref())
+        }
         LensCommand::Convert(args) => of_design(&args.design, &args.parameters)
             .reads_as("design", &args.design, catalogues(&args.design))
             .writes("OUT", &args.out)

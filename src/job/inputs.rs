@@ -40,8 +40,8 @@ impl Opened {
             check_has_files(Path::new(&args.chart))?;
         }
         let chart = open_chart(args, args.nan)?;
-        let lens =
-            UntracedLens::open_focused(&args.lens, &args.surfaces, &args.tracing)?.with_errors(&args.built)?;
+        let lens = UntracedLens::open_focused(&args.lens, &args.surfaces, &args.tracing)?
+            .with_errors(&args.built)?;
         let surfaces = SurfacePaths::of_job(&args.surfaces, &args.chart, &chart)?;
         if !lens.is_symmetric() {
             check_asymmetric(args)?;

@@ -8,6 +8,7 @@ mod figures;
 mod ghosts;
 mod opticstudio;
 mod runs;
+mod tolerance;
 
 use crate::common::{
     CommandResult, Picture, assert_error_line, assert_exit, bits, files, lenscube, pairs, pixels, text,

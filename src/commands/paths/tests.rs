@@ -20,6 +20,8 @@ const LINES: &[&str] = &[
     "lens psf design out.npy --sections=sections --glass-catalog=glass_catalog --coatings=coatings.toml | out.npy sections",
     "lens diff a b --glass-catalog=glass_catalog |",
     "lens trace design out --glass-catalog=glass_catalog --coatings=coatings.toml --tolerances=tolerances.toml | out",
+    "lens tolerance design tolerances.toml --out=out --glass-catalog=glass_catalog --coatings=coatings.toml | out",
+    "lens tolerance design --import-tol --output=output --glass-catalog=glass_catalog | output",
     "lens camera design --film-size=9 --glass-catalog=glass_catalog |",
     "lens list --plot=plot | plot",
     "lens convert design out.zmx --glass-catalog=glass_catalog --coatings=coatings.toml | out.zmx",

@@ -65,9 +65,12 @@ impl Criterion {
 
     fn field(&self, colours: &Colours<'_>, field: &Field) -> Result<FieldFigures, SkewError> {
         let place = field.place;
+        let [rings, spokes, on_rim] = PUPIL_RAYS;
+        // Only an MTF needs the rims.
+        let on_rim = if matches!(self.kind, CriterionKind::Mtf { .. }) { on_rim } else { 0 };
         let (mut bundles, mut rms_wavefront) = (Vec::new(), 0.0);
         for (i, (tracer, weight)) in colours.tracers.iter().enumerate() {
-            let bundle = FilmBundle::trace(tracer, field, PUPIL_RAYS)?;
+            let bundle = FilmBundle::trace(tracer, field, [rings, spokes, on_rim])?;
             if colours.is_primary(i) {
                 rms_wavefront = wavefront_mm(&bundle) / (1e-3 * tracer.wavelength_um);
             }

@@ -6,9 +6,12 @@
 //! Least squares over the rays of the open pupil and on its rim; T Chebyshev polynomials. Both functions are smooth over the whole
 //! pupil, whatever clips it. The rims are the cubic curves through their rays.
 //! Integrals: rows across the shift, at Gauss-Legendre nodes of φ for v = v̄ + (v_max − v_min)/2 · sin φ, v_min and v_max of the
-//! pupil, which removes the roots of a round pupil's chords, and φ over the extent of the overlap; in each row Gauss-Legendre over each interval of the overlap. Assumption: an interval is
-//! bounded by crossings of the rims in pairs.
+//! pupil, which removes the roots of a round pupil's chords, and φ over the extent of the overlap; where an obscuration begins and
+//! ends its chords have such roots as well, and φ is divided there in the same manner. In each row Gauss-Legendre over each interval
+//! of the overlap. Assumption: an interval is bounded by crossings of the rims in pairs.
 //! Source: Davis & Rabinowitz, Methods of Numerical Integration, 2.7 and 5.6.
+
+use std::f64::consts::PI;
 
 use super::fields::{FilmBundle, FilmRay, Rim};
 use crate::design::pupil::quadrature::unit_interval;
@@ -101,18 +104,18 @@ impl PupilFit {
             .map(|rim| rim.iter().map(|[l, m]| [l * c + m * s, m * c - l * s]).collect())
             .collect();
         let mut crossings = Vec::new();
-        let rows_v = || turned.iter().flatten().map(|p| p[1]);
-        let (low, high) =
-            (rows_v().fold(f64::INFINITY, f64::min), rows_v().fold(f64::NEG_INFINITY, f64::max));
+        let extents: Vec<[f64; 2]> = turned.iter().map(|rim| rows_of(rim)).collect();
+        let Some(&[low, high]) = extents.first() else { return Vec::new() };
         let (middle, half) = (0.5 * (low + high), 0.5 * (high - low));
         let Some(extent) = extent_of_rows(&turned, [low, high], shift, &mut crossings) else {
             return Vec::new();
         };
-        let [first, last] = extent.map(|v| real::asin(((v - middle) / half).clamp(-1.0, 1.0)));
+        let angle = |v: f64| real::asin(((v - middle) / half).clamp(-1.0, 1.0));
+        let holes: Vec<f64> = extents[1..].iter().flatten().map(|v| angle(*v)).collect();
         let mut nodes = Vec::with_capacity(rows * columns);
-        for (x, wx) in unit_interval(rows).iter() {
-            let (sin, cos) = real::sin_cos(first + (last - first) * x);
-            let (v, wv) = (middle + half * sin, wx * (last - first) * half * cos);
+        for (phi, wphi) in rows_between(extent.map(angle), &holes, rows) {
+            let (sin, cos) = real::sin_cos(phi);
+            let (v, wv) = (middle + half * sin, wphi * half * cos);
             for [from, to] in intervals(&turned, v, shift, &mut crossings) {
                 for (y, wu) in unit_interval(columns).iter() {
                     let u = from + (to - from) * y;
@@ -122,6 +125,35 @@ impl PupilFit {
         }
         nodes
     }
+}
+
+/// First and last row of a rim.
+fn rows_of(rim: &[[f64; 2]]) -> [f64; 2] {
+    let ends = |(low, high): (f64, f64), p: &[f64; 2]| (low.min(p[1]), high.max(p[1]));
+    let (low, high) = rim.iter().fold((f64::INFINITY, f64::NEG_INFINITY), ends);
+    [low, high]
+}
+
+/// Nodes of φ and weights from `first` to `last`: `rows` of them, or as many in each part between the ends of `holes`, φ = φ̄ + (φ_b −
+/// φ_a)/2 · sin ψ there.
+fn rows_between([first, last]: [f64; 2], holes: &[f64], rows: usize) -> Vec<(f64, f64)> {
+    if holes.is_empty() {
+        return unit_interval(rows)
+            .iter()
+            .map(|(x, w)| (first + (last - first) * x, w * (last - first)))
+            .collect();
+    }
+    let mut ends: Vec<f64> = holes.iter().map(|phi| phi.clamp(first, last)).chain([first, last]).collect();
+    ends.sort_by(f64::total_cmp);
+    let part = |ends: &[f64]| {
+        let (middle, half) = (0.5 * (ends[0] + ends[1]), 0.5 * (ends[1] - ends[0]));
+        let node = move |(x, w): &(f64, f64)| {
+            let (sin, cos) = real::sin_cos(PI * (x - 0.5));
+            (middle + half * sin, PI * w * half * cos)
+        };
+        unit_interval(rows).iter().map(node).collect::<Vec<_>>()
+    };
+    ends.windows(2).filter(|ends| ends[1] > ends[0]).flat_map(part).collect()
 }
 
 /// First and last row of an overlap of a pupil with rows from `low` to `high`; none if it is empty.

@@ -99,7 +99,6 @@ fn the_lens_without_errors_is_focused_like_any_other() {
     let system = double_gauss();
     let nominal = BuiltLens::new(&system, &[]).unwrap();
     let once = focused(&nominal, &Compensation::default());
-    println!("nominal film shift {} mm", once.film_shift_mm);
     assert!(once.film_shift_mm.abs() < 0.5);
     // Once more finds it focused.
     let again =
@@ -154,7 +153,6 @@ fn the_mtf_is_greatest_at_its_focus() {
     for other in [spot.film_shift_mm, found.film_shift_mm - 5e-4, found.film_shift_mm + 5e-4] {
         assert!(best > value(other), "{} {best}, {other} {}", found.film_shift_mm, value(other));
     }
-    println!("{} {}", found.film_shift_mm, spot.film_shift_mm);
 }
 
 #[test]

@@ -63,6 +63,39 @@ fn perfect_lens_has_the_mtf_of_a_round_pupil() {
     assert_eq!(beyond.criterion, 0.0);
 }
 
+/// An annulus of radii 1 and ε: (A(1, 1) − 2 A(1, ε) + A(ε, ε))/(π (1 − ε²)), A(r, s) the area common to two circles at the
+/// distance d = λ f/NA.
+#[test]
+fn perfect_lens_with_an_obscuration_has_the_mtf_of_an_annulus() {
+    let mut mirror = parabolic_mirror(100.0, 2.5);
+    mirror.wavelengths_um = vec![(0.5, 1.0)];
+    mirror.surfaces[0].obscuration_mm = Some(0.5);
+    let built = BuiltLens::new(&mirror, &[]).unwrap();
+    let (na, epsilon) = (1.25 / (100.0 + 1.25 * 1.25 / 400.0), 0.4);
+    let common = |r: f64, s: f64, d: f64| {
+        if d >= r + s {
+            return 0.0;
+        }
+        if d <= (r - s).abs() {
+            return PI * r.min(s).powi(2);
+        }
+        let part = |r: f64, s: f64| {
+            let x = (d * d + r * r - s * s) / (2.0 * d);
+            r * r * (x / r).acos() - x * (r * r - x * x).sqrt()
+        };
+        part(r, s) + part(s, r)
+    };
+    for frequency in [3.0, 8.0, 15.0, 25.0, 40.0] {
+        let d = frequency * 0.5e-3 / na;
+        let area = common(1.0, 1.0, d) - 2.0 * common(1.0, epsilon, d) + common(epsilon, epsilon, d);
+        let expected = area / (PI * (1.0 - epsilon * epsilon));
+        let found = criterion(mtf_at(frequency), &[[0.0; 2]]).figures(&built, 1.0).unwrap();
+        for mtf in found.fields[0].mtf.unwrap() {
+            assert!((mtf - expected).abs() < 5e-4, "{frequency}: {mtf} {expected}");
+        }
+    }
+}
+
 /// The parabola with its film moved by z. Spot: z times the RMS slope. Wavefront: z (N − N̄), N even over a paraboloid's pupil; MTF
 /// of a small defocus: that of a round pupil times 2 J1(x)/x at low frequency, by rays x = 2π f z tan.
 #[test]

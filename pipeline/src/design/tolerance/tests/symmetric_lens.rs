@@ -45,7 +45,6 @@ fn mtf_without_errors_is_that_of_the_symmetric_lens() {
                 let place = [-0.6 * height_mm, 0.8 * height_mm];
                 let found = criterion(mtf_at(frequency), &[place]).figures(&built, 1.0).unwrap();
                 for (a, b) in found.fields[0].mtf.unwrap().into_iter().zip(expected) {
-                    println!("{} {height_mm} {frequency}: {a} {b} {:.1e}", system.name, a - b);
                     assert!((a - b).abs() < 1e-3, "{} {height_mm} {frequency}: {a} {b}", system.name);
                 }
             }
