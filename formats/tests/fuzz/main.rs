@@ -1,4 +1,4 @@
-//! Fuzz targets of this crate: charts (metadata, chunks, flat files, OpenEXR), lens packs, lens files, importers, pictures, meshes, scenes. Harness: `tests/fuzz_support`.
+//! Fuzz targets of this crate: charts (metadata, chunks, flat files, OpenEXR), lens packs, lens files, tolerances, importers, pictures, meshes, scenes. Harness: `tests/fuzz_support`.
 
 #[path = "../../../tests/fuzz_support/mod.rs"]
 mod fuzz_support;
@@ -16,6 +16,7 @@ mod pack;
 mod pictures;
 mod raster;
 mod scenes;
+mod tolerances;
 
 use std::path::{Path, PathBuf};
 

@@ -7,14 +7,11 @@ moved as `compensators` says. Optiland then traces the lens (optiland_built.py).
 column      what                                                                                        bound
 chief       chief ray of the field that the map gives for 25 film places, from the place                1e-6 mm
 R           relative illumination of the map there                                                      2e-5
-PSF         kernel at its samples against a Huygens sum over Optiland's rays, L1                        0.3 %: 1 % is the program's bound between places,
-                                                                                                        a place that is traced has that of its quadrature
+PSF         kernel at its samples against a Huygens sum over Optiland's rays, L1                        0.01 %
 centroid    of the geometric spot against that of the PSF, from the chief ray                           0.15 um + 12 %: the centroids of rays and of diffraction
                                                                                                         are equal, but the window cuts light off that is far away
-RMS         sqrt(geometric^2 + 2 w N HALF/pi^2) against that of the PSF within its window               8 %: that term is the light of an Airy pattern's tail
-                                                                                                        within the half window HALF; where rays dominate
 One at a time: the last element decentred by +20 um along x, y or tilted by +1' about x, y, the film fixed.
-boresight   the film place whose ideal point is 0 against Optiland's chief ray of t = 0                 1e-6 mm, sign and 2e-3 of first order
+boresight   the film place whose ideal point is 0 against Optiland's chief ray of t = 0                 1e-6 mm, sign and 5e-3 of first order
 coma        centroid of the PSF on the axis against the spot's                                          its sign where above 0.05 um; as above
 """
 import math
@@ -30,9 +27,9 @@ from scipy.interpolate import BSpline, make_interp_spline
 import tolerances
 from first_order import element_shift
 from optiland_built import Built, Design, Spot, quadrature
-from optiland_psf import centroid_um, psf, rms_um
+from optiland_psf import centroid_um, psf
 
-CHIEF_MM, LIGHT, KERNEL, RMS = 1e-6, 2e-5, 0.003, 0.08
+CHIEF_MM, LIGHT, KERNEL = 1e-6, 2e-5, 1e-4
 DATA = Path(__file__).resolve().parents[3] / "formats/data/lenses"
 ALL = """
 [[element]]
@@ -162,7 +159,7 @@ def compare_map(pack, lens, focal):
 
 
 def compare_psf(pack, lens, row):
-    """L1 against Huygens' sum; centroids (PSF, spot) in the frame of the PSF, and RMS radii, um."""
+    """L1 against Huygens' sum; centroids (PSF, spot) in the frame of the PSF, um."""
     r, phi, index = row
     kernel = np.asarray(pack.psf[index], float)
     n, c, s = kernel.shape[0], math.cos(phi), math.sin(phi)
@@ -172,10 +169,7 @@ def compare_psf(pack, lens, row):
     exact = psf(lens, t, n, pack.pitch_um, phi, rings=spokes // 4, spokes=spokes)
     spot = Spot([(lens, 1.0)], t, 20, 60)
     moved = 1e3 * np.array([[c, s], [-s, c]]) @ (spot.centroid - lens.chief(t))
-    slope = spot.slope - spot.mean(spot.slope)[:, None]
-    f_number = 1 / (2 * math.sqrt(2 * spot.mean((slope ** 2).sum(0))))           # <s^2> of a filled disc of radius 1/(2 N) is 1/(8 N^2)
-    expected = math.sqrt(1e6 * spot.rms ** 2 + 2 * lens.um * f_number * half_um / math.pi ** 2)
-    return np.abs(kernel - exact).sum(), centroid_um(kernel, pack.pitch_um), moved, rms_um(kernel, pack.pitch_um), expected
+    return np.abs(kernel - exact).sum(), centroid_um(kernel, pack.pitch_um), moved
 
 
 def off(found, expected):
@@ -185,21 +179,21 @@ def off(found, expected):
 
 def check_drawn(lenscube, folder):
     failed = 0
-    print(f"{'lens':16} {'sample':>6} {'chief, mm':>10} {'R':>9} {'PSFs':>5} {'PSF L1, %':>10} {'centroid, of bound':>19} {'RMS, %':>7} {'shift, um':>10}")
+    print(f"{'lens':16} {'sample':>6} {'chief, mm':>10} {'R':>9} {'PSFs':>5} {'PSF L1, %':>10} {'centroid, of bound':>19} {'shift, um':>10}")
     for name, (*_, numbers) in LENSES.items():
         for sample in SAMPLES:
             pack, lens, _ = trace(lenscube, folder, name, ALL.format(**numbers), sample)
             chief, light = compare_map(pack, lens, pack.attributes["distortion_focal_length_mm"])
             rows = pack.rows()
             rows = rows[::max(1, len(rows) // 7)]
-            kernel = centroid = width = 0.0
+            kernel = centroid = 0.0
             for row in rows:
-                l1, found, expected, rms, expected_rms = compare_psf(pack, lens, row)
-                kernel, centroid, width = max(kernel, l1), max(centroid, off(found, expected)), max(width, abs(rms / expected_rms - 1))
-            bad = chief > CHIEF_MM or light > LIGHT or kernel > KERNEL or centroid > 1 or width > RMS
+                l1, found, expected = compare_psf(pack, lens, row)
+                kernel, centroid = max(kernel, l1), max(centroid, off(found, expected))
+            bad = chief > CHIEF_MM or light > LIGHT or kernel > KERNEL or centroid > 1
             failed += bad
             moved = 1e3 * pack.attributes.get("compensators", {}).get("film_shift_mm", 0.0)
-            print(f"{name:16} {sample:6} {chief:10.1e} {light:9.1e} {len(rows):5} {100 * kernel:10.3f} {centroid:19.2f} {100 * width:7.1f} {moved:10.2f}"
+            print(f"{name:16} {sample:6} {chief:10.1e} {light:9.1e} {len(rows):5} {100 * kernel:10.3f} {centroid:19.2f} {moved:10.2f}"
                   + ("  FAIL" if bad else ""), flush=True)
     return failed
 
@@ -217,7 +211,7 @@ def check_signs(lenscube, folder):
             miss = np.abs(lens.chief((0.0, 0.0)) - at).max()
             _, found, expected, *_ = compare_psf(pack, lens, pack.rows()[0])
             wrong_sign = at @ first <= 0 or (np.hypot(*expected) > 0.05 and found @ expected <= 0)
-            bad = miss > CHIEF_MM or np.abs(at - first).max() > 2e-3 * abs(size) + CHIEF_MM or wrong_sign or off(found, expected) > 1
+            bad = miss > CHIEF_MM or np.abs(at - first).max() > 5e-3 * abs(size) + CHIEF_MM or wrong_sign or off(found, expected) > 1
             failed += bad
             print(f"{name:16} {what:12} {1e3 * at[0]:11.4f}{1e3 * at[1]:11.4f} {miss:18.1e} {1e3 * size:16.4f} {found[0]:9.3f}{found[1]:9.3f}"
                   f" {expected[0]:9.3f}{expected[1]:9.3f}" + ("  FAIL" if bad else ""), flush=True)

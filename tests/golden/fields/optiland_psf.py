@@ -49,10 +49,3 @@ def centroid_um(kernel, pitch_um):
     """(x, y) of a PSF from its central sample."""
     at = (np.arange(kernel.shape[0]) - kernel.shape[0] // 2) * pitch_um
     return np.array([kernel.sum(0) @ at, kernel.sum(1) @ at]) / kernel.sum()
-
-
-def rms_um(kernel, pitch_um):
-    """RMS radius of a PSF about its centroid, within its window."""
-    at = (np.arange(kernel.shape[0]) - kernel.shape[0] // 2) * pitch_um
-    x, y = centroid_um(kernel, pitch_um)
-    return float(np.sqrt((kernel.sum(0) @ (at - x) ** 2 + kernel.sum(1) @ (at - y) ** 2) / kernel.sum()))
