@@ -176,7 +176,7 @@ cube = xarray.open_zarr("edge-cube.zarr", consolidated=False).chart.load()
 
 # What the commands of a page need before they begin; they make all else themselves.
 PAGES = {
-    "README.md": ["cube.zarr", "cube.npy", "MY.zmx", "chart.zarr", "scene.zarr", "room.glb"],
+    "README.md": ["cube.zarr", "cube.npy", "MY.zmx", "chart.zarr", "tol.toml", "scene.zarr", "room.glb"],
     "camera.md": ["chart.zarr", "photo.png", "film.zarr", "lens-a.zarr", "lens-b.zarr", "lens-a.raw.zarr", "lens-b.raw.zarr"],
     "charts.md": ["cube.zarr", "cube.hdr", "cube.mat", "cave", "cube.tif", "cube.npy", "cube.raw", "photo.png"],
     "clusters.md": ["chart.zarr"],
