@@ -7,8 +7,8 @@
 //! relative_illumination[j, i]      irradiance there over irradiance at the film's centre
 //! ```
 //! Film frame: X right, Y DOWN, mm from the lens's axis; both grids uniform and ascending. Between the nodes each table is the
-//! C² bicubic spline of [`crate::spline`], 16 times as accurate for each halving of the grid. Film beyond the rectangle of the nodes is
-//! an error or, with [`Outside::Clamp`], has the displacement (ideal − film) and R of the nearest place of the rectangle. Maps
+//! C² bicubic spline of `crate::spline`, 16 times as accurate for each halving of the grid. Film beyond the rectangle of the nodes is
+//! an error or, with [`crate::field::Outside::Clamp`], has the displacement (ideal − film) and R of the nearest place of the rectangle. Maps
 //! do not fold (`folding`): each ideal point is seen once.
 
 mod folding;

@@ -4,7 +4,7 @@
 //! film pixel (X, Y) shows chart(I(X, Y)) · R(X, Y),      I = f O (tx, −ty),  t the field whose chief ray lands at (X, Y)
 //! ```
 //! f and O = ±1 of the NOMINAL lens at the primary wavelength: all bands and all built lenses share one ideal plane. Samples on a
-//! uniform grid of REAL film coordinates (film frame: X right, Y down, mm); between them the bicubic spline of [`crate::spline`].
+//! uniform grid of REAL film coordinates (film frame: X right, Y down, mm); between them the bicubic spline of `crate::spline`.
 //! I are values, R = 1 at the film's centre. Distortion, boresight, keystone and lateral colour are in I; the obliquity of a
 //! tilted film is in R.
 //! *Folding*: det ∂I/∂(X, Y) > 0 at the samples and on a grid three times as fine.

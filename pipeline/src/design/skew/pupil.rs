@@ -5,7 +5,7 @@
 //! ```
 //! all in the film frame (X right, Y down, of the film as built), so the PSF's rows go down as the film's do. The open pupil is that of
 //! [`super::opening`], its segments have θ in (−π, π] about centres anywhere in the pupil; values and their accuracy are those of
-//! [`crate::design::pupil::function`].
+//! [`crate::design::psf::PupilFunction`].
 
 use super::error::SkewError;
 use super::opening::{OpenSegment, Opening};
