@@ -13,7 +13,7 @@ pub fn command(given: &HelpArgs) -> Result<()> {
     let Some((first, others)) = given.topic.split_first() else {
         print(command.render_help().to_string().trim_end());
         print("\nGuide (`lenscube help TOPIC`):");
-        PAGES.iter().for_each(|page| print(format!("  {:<10}{}", page.name, page.about)));
+        PAGES.iter().for_each(|page| print(format!("  {:<11}{}", page.name, page.about)));
         return Ok(());
     };
     // `lenscube help lens trace`. Of a name that is both, such as depth, the page comes first: `lenscube depth --help` is the command's.

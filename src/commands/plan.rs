@@ -10,7 +10,7 @@ pub mod unit_list;
 pub use command_line::CommandLine;
 pub use file::{Plan, Totals};
 
-use crate::args::{DepthArgs, Device, EngineArg, NO_HIDDEN, PlanArgs, RunArgs, TracingArgs};
+use crate::args::{BuiltArgs, DepthArgs, Device, EngineArg, NO_HIDDEN, PlanArgs, RunArgs, TracingArgs};
 use crate::failure::usage;
 use crate::film;
 use crate::job::film_engine;
@@ -47,6 +47,7 @@ pub fn command(args: &PlanArgs, matches: &ArgMatches) -> Result<u8> {
         run.lens = lens_pack::write(&run, path)?;
         // The pack has them.
         run.tracing = TracingArgs::default();
+        run.built = BuiltArgs::default();
         run.surfaces = DepthArgs { focus_m: None, gap: Vec::new(), depth_tolerance: None, ..run.surfaces };
     }
     let command = worker_command(&run, matches)?;

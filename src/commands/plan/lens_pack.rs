@@ -9,7 +9,7 @@ use crate::job::lens::JobLens;
 use crate::progress::{log_line, plural};
 use anyhow::{Context, Result};
 use formats::durable::{parent_of, publish, remove_temp, sweep_entries, temp_name};
-use formats::lens::{LensPack, LensPackWriter, PackAttributes};
+use formats::lens::{LensPack, LensPackWriter, PackAttributes, ReferencePoint};
 use serde_json::json;
 use std::path::Path;
 
@@ -39,8 +39,11 @@ pub fn write(run: &RunArgs, path: &Path) -> Result<String> {
 
 /// Writes the pack and returns its digest.
 fn write_pack(job: &Job, run: &RunArgs, path: &Path) -> Result<String> {
-    let mut pack = LensPackWriter::create(path)?;
     let lens = job.lens.lens();
+    let mut pack = match lens.is_symmetric() {
+        true => LensPackWriter::create(path)?,
+        false => LensPackWriter::create_planar(path)?,
+    };
     for band in 0..lens.bands.len() {
         match &lens.depth {
             None => pack.psf(band, &job.lens.psf(band)?)?,
@@ -51,7 +54,14 @@ fn write_pack(job: &Job, run: &RunArgs, path: &Path) -> Result<String> {
             }
         }
     }
+    let [errors, compensators] = match job.lens.errors() {
+        Some(recorded) => recorded.map(|(_, value)| Some(value.clone())),
+        None => [None, None],
+    };
     let attributes = PackAttributes {
+        reference_point: errors.is_some().then_some(ReferencePoint::ChiefRay),
+        errors,
+        compensators,
         image_plane: Some(format!("{:?}", run.tracing.image_plane).to_lowercase()),
         source: Some(json!({
             "program": concat!("lenscube ", env!("CARGO_PKG_VERSION")),

@@ -125,3 +125,25 @@ fn what_lenses_without_symmetry_do_not_have_is_an_error_of_one_line() {
     let refused = job.run("cache", "film", &["--tolerances", text(&unknown)]);
     assert_error_line(&refused, USAGE, &["unknown.toml", "40"]);
 }
+
+#[test]
+fn a_plan_has_the_drawn_lens_or_its_pack() {
+    let job = DesignJob::new();
+    let file = tolerances(&job, "tol.toml", ERRORS);
+    let flags = ["--tolerances", text(&file), "--lens-sample", "3"];
+    job.run("cache", "whole", &flags).ok();
+    let whole = bits(&pixels(&job.at("whole"), "film").1);
+    for (name, more) in [("design", vec![]), ("pack", vec!["--lens-pack", "built.lens.zarr"])] {
+        let lenscube = |words: &[&str]| {
+            let mut command = Command::new(env!("CARGO_BIN_EXE_lenscube"));
+            command.args(words).current_dir(job.at("")).env("XDG_CACHE_HOME", job.at("cache"));
+            CommandResult::new(&command.output().unwrap()).ok()
+        };
+        let plan =
+            ["plan", "chart", name, "--lens", "my.zmx", "--film-pitch-um", "10", "--output", "plan.json"];
+        lenscube(&[&plan[..], &flags, &more].concat());
+        lenscube(&["run", "--plan", "plan.json", "--device", "cpu"]);
+        assert!(bits(&pixels(&job.at(name), "film").1) == whole, "{name}");
+        fs::remove_file(job.at("plan.json")).unwrap();
+    }
+}
