@@ -58,9 +58,11 @@ def commands(text):
         inside.update(range(first, first + len(lines)))
         if all(SHELL.match(line) for line in lines if line):
             found += [Command(first + i, line, "shell") for i, line in enumerate(lines) if line]
+        elif is_toml(lines):
+            continue  # tables of TOML may be Python, too
         elif is_python(lines):
             found.append(Command(first, "\n".join(lines), "python"))
-        elif not is_toml(lines):
+        else:
             raise ValueError(f"line {first}: a block that is neither shell, Python nor TOML: {lines[0]}")
     for number, line in enumerate(text.splitlines(), 1):
         if number not in inside:
