@@ -6,6 +6,7 @@
 //! | `listings` | folder of OpticStudio text listings: distortion, relative illumination, PSFs | [`mod@listings`] |
 //! | `tables` | folder of CSV tables and NPY windows, for any other program | [`mod@tables`] |
 //! | `npz` | one NumPy archive of tables and windows | [`mod@npz`] |
+//! | a description `.toml` | measured PSFs over the film, of lenses without symmetry: steps of its own | [`mod@field`] |
 //!
 //! Steps common to all sources:
 //! 1. *Heights.* Ideal height = f·tan(field angle) in mm, f = the DISTORTION focal length; image height = that of the REAL chief
@@ -16,12 +17,13 @@
 //! 3. *Numbers.* Units are part of names (mm, µm, nm); NaN, infinity, wrong counts and heights that do not ascend are errors
 //!    that name file and line. Files are parsed, never evaluated.
 //!
-//! Not supported: PSFs at field points on neither axis (they would have to be interpolated), polychromatic PSFs.
+//! Not supported, but by descriptions: PSFs at field points on neither axis (they would have to be interpolated). Polychromatic PSFs.
 
 mod csv;
 pub mod dense;
 pub mod distortion_listing;
 mod error;
+pub mod field;
 mod field_table;
 pub mod illumination_listing;
 pub mod iset;
@@ -78,9 +80,10 @@ fn detect_format(path: &Path) -> Result<Format, ImportError> {
         return match path.metadata() {
             Err(source) => Err(ImportError::io(path, "open")(source)),
             Ok(_) if npz => Ok(Format::Npz),
-            Ok(_) => {
-                Err(ImportError::file(path, "is neither a folder nor an .npz; give the format by `--from`"))
-            }
+            Ok(_) => Err(ImportError::file(
+                path,
+                "is neither a folder nor an .npz or .toml; give the format by `--from`",
+            )),
         };
     }
     let names = text::file_names(path)?;

@@ -144,5 +144,6 @@ pub use attributes::{DEPTH_SCHEMA, PLANAR_SCHEMA, PUPIL_SCHEMA, PackAttributes, 
 pub use digest::{DepthBandValues, band_digest};
 pub use error::LensPackError;
 pub use pack::{LensPack, builtin, builtin_names};
+pub(crate) use read::MAP_NUMBERS;
 pub use summary::{BandSummary, LensSummary, PlanarBandSummary, PlanarSummary, PsfFieldSummary, summary};
 pub use write::{LensPackWriter, write};

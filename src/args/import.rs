@@ -14,7 +14,8 @@ use std::path::PathBuf;
 #[command(after_help = "Examples:\n  lenscube lens import iset-folder/ asphere.lens.zarr\n  \
 lenscube lens import listings/ my.lens.zarr --primary-nm 587.5618 --efl-mm 99.5 --f-number 2.985\n  \
 lenscube lens import tables.npz my.lens.zip --psf-sample integrated --psf-outward down --f-number 3 --primary-nm 550\n\
-lenscube lens import --template my-lens && lenscube lens import my-lens my.lens.zarr\n\
+lenscube lens import --template my-lens && lenscube lens import my-lens my.lens.zarr\n  \
+lenscube lens import FIELD.toml unit17.lens.zarr\n\
 What the source does not contain must be given by a flag; nothing is guessed. Any program can write the tables of a folder:\n  \
 lens.csv     key,value: name, distortion_focal_length_mm, effective_focal_length_mm, f_number, primary_wavelength_nm,\n               \
 object_distance_mm (a number with magnification, or infinity), psf_sample point|integrated,\n               \
@@ -22,9 +23,11 @@ psf_outward right|left|up|down, for windows of even size even_window pad|crop|sh
 heights.csv  wavelength_nm,ideal_height_mm,image_height_mm,relative_illumination: wavelengths ascend, heights from 0\n  \
 psf.csv      wavelength_nm,image_height_mm,psf_pitch_um,psf_energy,file,index: a row a window\n  \
 *.npy        windows, f4 or f8: (windows, rows, columns)\n\
---template writes such a folder, with a README.")]
+--template writes such a folder, with a README.\n\
+FIELD.toml describes PSFs measured over the film, of a lens without symmetry: places, windows (NPY, NPZ, FITS), map, flat field; see\n\
+`lenscube help lenses`.")]
 pub struct ImportArgs {
-    /// Folder (ISET macros, OpticStudio listings, CSV tables with NPY windows) or an .npz archive
+    /// Folder (ISET macros, OpticStudio listings, CSV tables with NPY windows), an .npz archive, or a FIELD.toml
     #[arg(value_name = "SOURCE", required_unless_present = "template")]
     pub source: Option<PathBuf>,
     /// Lens pack to write, a directory or a .zip

@@ -53,7 +53,7 @@ pub enum LensCommand {
 Glasses that are not built in are written into a catalogue OUT.agf beside a .zmx or .csv. What a format cannot hold is an error or a note."
     )]
     Convert(Box<ConvertArgs>),
-    /// Import exports of a lens design program into a lens pack: ISET macros, OpticStudio listings, tables, NPZ
+    /// Import a lens into a lens pack: ISET macros, OpticStudio listings, tables, NPZ, measured PSF fields
     Import(Box<ImportArgs>),
 }
 

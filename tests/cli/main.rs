@@ -20,6 +20,7 @@ mod faults;
 mod formats;
 mod ghosts;
 mod import;
+mod import_field;
 mod invariance;
 mod lens;
 mod outputs;

@@ -21,6 +21,7 @@ use std::fs::File;
 use std::io::{Cursor, Read, Seek};
 use std::path::Path;
 use zip::ZipArchive;
+use zip::read::ZipFile;
 
 /// Maximum expansion of Deflate: 1032 bytes from one.
 const MAX_DEFLATE_RATIO: u64 = 1032;
@@ -68,34 +69,73 @@ const KNOWN: [&str; 16] = [
 ];
 
 fn read<R: Read + Seek>(path: &Path, from: R, options: &ImportOptions) -> Result<Imported, ImportError> {
-    let zip_error = |e: &dyn std::fmt::Display| {
-        ImportError::file(path, format!("is no .npz archive, or a damaged one: {e}"))
-    };
-    let mut archive = ZipArchive::new(from).map_err(|e| zip_error(&e))?;
+    let mut archive = ZipArchive::new(from).map_err(|e| damaged(path, &e))?;
     let mut arrays = Arrays { path, found: BTreeMap::new() };
     let mut total_bytes = 0;
     for i in 0..archive.len() {
-        let entry = archive.by_index(i).map_err(|e| zip_error(&e))?;
-        let Some(name) = entry.name().ok().and_then(|n| n.strip_suffix(".npy").map(String::from)) else {
-            continue;
-        };
+        let entry = archive.by_index(i).map_err(|e| damaged(path, &e))?;
+        let Some(name) = array_name(&entry) else { continue };
         if !KNOWN.contains(&name.as_str()) || (name == "psf" && options.without_psf) {
             continue;
         }
-        let (claimed, compressed) = (entry.size(), entry.compressed_size());
-        total_bytes = claimed.saturating_add(total_bytes);
-        if total_bytes > MAX_ARRAY_BYTES
-            || claimed > compressed.saturating_mul(MAX_DEFLATE_RATIO).saturating_add(1024)
-        {
-            let problem = format!("{name}.npy declares {claimed} bytes, more than the archive can contain");
-            return Err(ImportError::file(path, problem));
-        }
-        let mut bytes = Vec::new();
-        entry.take(claimed.saturating_add(1)).read_to_end(&mut bytes).map_err(|e| zip_error(&e))?;
-        let array = npy::parse(&bytes).map_err(|e| ImportError::file(path, format!("{name}.npy {e}")))?;
+        let array = read_array(path, entry, &name, &mut total_bytes)?;
         arrays.found.insert(name, array);
     }
     convert(arrays, options)
+}
+
+/// The array `name` of the archive `path`; without a name the only one.
+///
+/// # Errors
+/// [`ImportError`]: there is none, or the archive is damaged.
+pub(super) fn array(path: &Path, name: Option<&str>) -> Result<Npy, ImportError> {
+    let file = File::open(path).map_err(ImportError::io(path, "read"))?;
+    let mut archive = ZipArchive::new(file).map_err(|e| damaged(path, &e))?;
+    let mut names = Vec::new();
+    for i in 0..archive.len() {
+        names.extend(array_name(&archive.by_index(i).map_err(|e| damaged(path, &e))?).map(|name| (i, name)));
+    }
+    let found = match (name, &names[..]) {
+        (Some(name), all) => all.iter().find(|(_, n)| n == name),
+        (None, [one]) => Some(one),
+        (None, _) => None,
+    };
+    let Some((i, found)) = found else {
+        let list: Vec<String> = names.iter().take(20).map(|(_, n)| format!("`{n}`")).collect();
+        let expected = name.map_or("one array; name it by FILE.npz:ARRAY".into(), |name| format!("`{name}`"));
+        let problem = format!("has the arrays {}, expected {expected}", list.join(", "));
+        return Err(ImportError::file(path, problem));
+    };
+    read_array(path, archive.by_index(*i).map_err(|e| damaged(path, &e))?, found, &mut 0)
+}
+
+fn damaged(path: &Path, e: &dyn std::fmt::Display) -> ImportError {
+    ImportError::file(path, format!("is no .npz archive, or a damaged one: {e}"))
+}
+
+/// The name of an entry without `.npy`.
+fn array_name<R: Read>(entry: &ZipFile<'_, R>) -> Option<String> {
+    entry.name().ok().and_then(|n| n.strip_suffix(".npy").map(String::from))
+}
+
+/// Reads an entry; its bytes are added to `total_bytes`, which are bounded.
+fn read_array<R: Read>(
+    path: &Path,
+    entry: ZipFile<'_, R>,
+    name: &str,
+    total_bytes: &mut u64,
+) -> Result<Npy, ImportError> {
+    let (claimed, compressed) = (entry.size(), entry.compressed_size());
+    *total_bytes = claimed.saturating_add(*total_bytes);
+    if *total_bytes > MAX_ARRAY_BYTES
+        || claimed > compressed.saturating_mul(MAX_DEFLATE_RATIO).saturating_add(1024)
+    {
+        let problem = format!("{name}.npy declares {claimed} bytes, more than the archive can contain");
+        return Err(ImportError::file(path, problem));
+    }
+    let mut bytes = Vec::new();
+    entry.take(claimed.saturating_add(1)).read_to_end(&mut bytes).map_err(|e| damaged(path, &e))?;
+    npy::parse(&bytes).map_err(|e| ImportError::file(path, format!("{name}.npy {e}")))
 }
 
 impl Arrays<'_> {

@@ -15,7 +15,7 @@ use super::error::LensPackError;
 use super::store::PackStore;
 use pipeline::bounds;
 use pipeline::lens::{Lens, LensBand};
-pub(super) use planar::MAP_NUMBERS;
+pub(crate) use planar::MAP_NUMBERS;
 pub(super) use psfs::{SUM_TOLERANCE, psf, psfs_of, windows};
 pub(super) use pupils::pupils;
 use std::f64::consts::PI;

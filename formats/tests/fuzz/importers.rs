@@ -243,3 +243,72 @@ fn damaged_table_directories_do_not_panic() {
         &ImportOptions { field_points: 11, ..ImportOptions::default() },
     );
 }
+
+/// Places, windows, map and flat field of a description, one of the files damaged.
+#[test]
+fn damaged_fields_do_not_panic() {
+    let npy = |shape: &str, values: &[f32]| {
+        let header = format!("{{'descr': '<f4', 'fortran_order': False, 'shape': {shape}, }}\n");
+        let mut bytes = b"\x93NUMPY\x01\x00".to_vec();
+        bytes.extend((header.len() as u16).to_le_bytes());
+        bytes.extend(header.bytes());
+        bytes.extend(values.iter().flat_map(|v| v.to_le_bytes()));
+        bytes
+    };
+    let mut fits = Vec::new();
+    for card in [
+        "SIMPLE  =                    T",
+        "BITPIX  =                   16",
+        "NAXIS   =                    2",
+        "NAXIS1  =                    4",
+        "NAXIS2  =                    4",
+        "BZERO   =                32768",
+        "END",
+    ] {
+        fits.extend(format!("{card:80}").into_bytes());
+    }
+    fits.resize(2880, b' ');
+    fits.extend([0; 2880]);
+    let windows: Vec<f32> = (0..54).map(|i| 1.0 + (i % 9) as f32).collect();
+    let row = [-3.0, -1.0, 1.0, 3.0];
+    let across: Vec<f32> = (0..16).map(|i| row[i % 4]).collect();
+    let down: Vec<f32> = (0..16).map(|i| row[i / 4]).collect();
+    let head = "name = \"a\"\nwavelengths_nm = [500, 600]\n[psf]\nfiles = \"psf.npy\"\nx_mm = [-1, 0, 1]\ny_mm = [2]\npitch_um = 1\n\
+sample = \"point\"\ny_up = true\ncentre = \"centroid\"\n";
+    let ideal = format!(
+        "distortion_focal_length_mm = 9\n{head}[map]\nideal_x = \"x.npy\"\nideal_y = \"y.npy\"\nx_mm = [-3, -1, 1, 3]\ny_mm = [-3, -1, 1, 3]\n\
+[shading]\nrelative_illumination = \"flat.fits\"\nnormalise = \"largest\"\n"
+    );
+    let brown = format!(
+        "{head}[map]\nsize_px = [90, 70]\npitch_um = 2\nbrown = {{ f_px = 300, c_px = [44, 35], k = [-0.2, 0.1, 0.0], p = [1e-3, 1e-3] }}\n"
+    );
+    let files = [
+        ("ideal.toml", ideal.into_bytes()),
+        ("brown.toml", brown.into_bytes()),
+        ("psf.npy", npy("(2, 1, 3, 3, 3)", &windows)),
+        ("x.npy", npy("(4, 4)", &across)),
+        ("y.npy", npy("(4, 4)", &down)),
+        ("flat.fits", fits),
+    ];
+    let dir = directory();
+    let at: Vec<PathBuf> = files.iter().map(|(name, _)| dir.path().join(name)).collect();
+    at.iter().zip(&files).for_each(|(path, (_, bytes))| fs::write(path, bytes).unwrap());
+    let read = |path: &Path| match import::field::open(path) {
+        Ok(mut field) => (0..field.lens().bands.len()).all(|b| field.psf(b).is_ok()),
+        Err(_) => false,
+    };
+    assert!(read(&at[0]) && read(&at[1]));
+    let mut last = 0;
+    let make = |r: &mut Random| {
+        fs::write(&at[last], &files[last].1).unwrap();
+        last = r.below(files.len());
+        let mut bytes = files[last].1.clone();
+        match files[last].0.ends_with(".toml") {
+            true => damage_text(&mut bytes, r),
+            false => damage(&mut bytes, r),
+        }
+        fs::write(&at[last], &bytes).unwrap();
+        bytes
+    };
+    fuzz("measured field", 400, make, |_| read(&at[0]) && read(&at[1]));
+}

@@ -2,6 +2,7 @@
 
 mod asphere;
 mod errors;
+mod field;
 mod listings;
 mod tables;
 

@@ -1,11 +1,11 @@
-//! `lenscube lens import`: converts exports of a lens design program to a lens pack.
+//! `lenscube lens import`: converts exports of a lens design program, and measured fields, to a lens pack.
 
 use crate::args::{ImportArgs, band_indices, check_directory};
 use crate::failure::{other_job, usage};
 use crate::progress::{log_line, number, plural};
 use anyhow::{Context, Result};
 use formats::durable::{AtomicFile, create_directories, finish_together};
-use formats::import::{ImportError, ImportOptions, TEMPLATE};
+use formats::import::{ImportError, ImportOptions, TEMPLATE, field};
 use formats::lens::LensPackError;
 use std::io::Write;
 use std::path::Path;
@@ -19,13 +19,11 @@ pub fn command(args: &ImportArgs) -> Result<()> {
         return Err(usage("expected SOURCE and OUT.lens.zarr, or --template DIR"));
     };
     let options = options(args)?;
-    let classify = |e: ImportError| match e {
-        e if e.is_usage() => usage(e.to_string()),
-        ImportError::Pack(e @ LensPackError::Exists { .. }) => other_job(e.to_string()),
-        e => e.into(),
-    };
     if out.symlink_metadata().is_ok() {
         return Err(classify(LensPackError::Exists { path: out.clone() }.into()));
+    }
+    if args.from.is_none() && field::is_description(source) {
+        return import_field(args, &options, source, out);
     }
     let imported = formats::import::open(source, &options).map_err(classify)?;
     for note in imported.notes() {
@@ -45,12 +43,45 @@ pub fn command(args: &ImportArgs) -> Result<()> {
         ));
     })
     .map_err(classify)?;
-    log_line(format!(
-        "{}: {}; show it with `lenscube lens show {0}`",
-        out.display(),
-        plural(nm.len(), "band")
-    ));
+    log_written(out, nm.len());
     Ok(())
+}
+
+/// Imports the field of a description.
+fn import_field(args: &ImportArgs, options: &ImportOptions, source: &Path, out: &Path) -> Result<()> {
+    let plain = ImportOptions { name: options.name.clone(), ..ImportOptions::default() };
+    if *options != plain {
+        let problem = "a description (.toml) states how its arrays are to be read: of the flags that say so only --name is used with it";
+        return Err(usage(format!("{}: {problem}; remove the others", source.display())));
+    }
+    let mut imported = field::open(source).map_err(classify)?;
+    if let Some(name) = &args.name {
+        imported.rename(name);
+    }
+    for note in imported.notes() {
+        log_line(format!("note: {note}"));
+    }
+    let bands = imported.lens().bands.clone();
+    field::write(out, imported, |b, stack| {
+        let nm = number(bands[b].wavelength_nm);
+        let (count, side, pitch_um) = (stack.heights(), stack.size, stack.pitch_um);
+        log_line(format!("{nm} nm: {count} PSFs, {side} samples a side at {pitch_um} µm pitch"));
+    })
+    .map_err(classify)?;
+    log_written(out, bands.len());
+    Ok(())
+}
+
+fn classify(e: ImportError) -> anyhow::Error {
+    match e {
+        e if e.is_usage() => usage(e.to_string()),
+        ImportError::Pack(e @ LensPackError::Exists { .. }) => other_job(e.to_string()),
+        e => e.into(),
+    }
+}
+
+fn log_written(out: &Path, bands: usize) {
+    log_line(format!("{}: {}; show it with `lenscube lens show {0}`", out.display(), plural(bands, "band")));
 }
 
 /// Writes the files of [`TEMPLATE`] into `directory`, which is created; existing files are kept.

@@ -179,7 +179,7 @@ impl PlanarSummary {
     pub(super) fn write_head(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
         write!(f, "symmetry       none: maps over the film")?;
         match self.reference_point {
-            Some(point) => writeln!(f, ", of the {point}")?,
+            Some(point) => writeln!(f, "; reference point: {point}")?,
             None => writeln!(f)?,
         }
         if let Some(errors) = &self.errors {
