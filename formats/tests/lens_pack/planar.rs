@@ -267,7 +267,7 @@ fn summary_has_maps_places_and_errors() {
     let shown = summary(&pack, true, None);
     let text = shown.to_string();
     for expected in [
-        "symmetry       none: maps over the film, of the chief ray",
+        "symmetry       none: maps over the film; reference point: chief ray",
         "errors         2 drawn values, file tol.toml, digest ab12, seed 1, sample 7",
         "compensators   film_shift_mm 0.012, film_tilt_rad [0.0,0.0], boresight_mm [0.03,-0.05]",
         "450.00 nm     map (-3.000, -2.500) to (3.000, 2.500) mm, 5 × 6 nodes",
