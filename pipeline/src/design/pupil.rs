@@ -6,7 +6,7 @@ pub(super) mod disc;
 pub(super) mod edge;
 pub(super) mod function;
 pub mod illumination;
-mod openings;
+pub(super) mod openings;
 pub(super) mod pupils;
 pub mod quadrature;
 pub mod rim;

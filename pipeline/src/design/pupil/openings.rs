@@ -252,7 +252,7 @@ fn find_centre(over: &Overshoot<'_>) -> Option<f64> {
 /// Where the overshoot `over` becomes 0 between `low`, where it is not positive, and `high`, and the surface that limits it there: the secant
 /// method within the bracket, to `tolerance` in either. It begins at `r`, and with `other`, a place with its overshoot; if not given, from a growth
 /// about as r²/B² − 1.
-fn zero(
+pub(in crate::design) fn zero(
     over: &dyn Fn(f64) -> (f64, usize),
     (mut low, mut high): (f64, f64),
     mut r: f64,

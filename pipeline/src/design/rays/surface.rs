@@ -35,6 +35,43 @@ pub enum Stopped {
 /// Convergence limit of Newton's method, mm: 1e-9 of a wavelength.
 const SAG_TOLERANCE_MM: f64 = 1e-13;
 
+impl<T: Scalar> Ray<T> {
+    /// Cosine of the angle to the unit normal `normal`.
+    fn cosine(&self, normal: [T; 3]) -> T {
+        self.d[0] * normal[0] + self.d[1] * normal[1] + self.d[2] * normal[2]
+    }
+
+    /// Refracts it at a surface of unit normal `normal`, along +z; `ratio`: the index before over that behind.
+    ///
+    /// # Errors
+    /// [`Stopped::Reflected`].
+    pub(in crate::design) fn refract(&mut self, normal: [T; 3], ratio: f64) -> Result<(), Stopped> {
+        let mu = T::of(ratio);
+        let cos1 = self.cosine(normal);
+        let root = T::of(1.0) - mu * mu * (T::of(1.0) - cos1 * cos1);
+        if root.value() < 0.0 || cos1.value() <= 0.0 {
+            return Err(Stopped::Reflected);
+        }
+        let gamma = root.sqrt() - mu * cos1;
+        for (d, n) in self.d.iter_mut().zip(normal) {
+            *d = mu * *d + gamma * n;
+        }
+        Ok(())
+    }
+
+    /// Reflects it at a surface of unit normal `normal`; z is reversed, so that it counts along the light again.
+    ///
+    /// # Errors
+    /// [`Stopped::Misses`] where the light does not turn back.
+    pub(in crate::design) fn reflect(&mut self, normal: [T; 3]) -> Result<(), Stopped> {
+        let twice = T::of(2.0) * self.cosine(normal);
+        let [l, m, n] = self.d;
+        self.d = [l - twice * normal[0], m - twice * normal[1], -(n - twice * normal[2])];
+        self.p[2] = -self.p[2];
+        if self.d[2].value() > 0.0 { Ok(()) } else { Err(Stopped::Misses) }
+    }
+}
+
 impl Shape {
     /// Moves `ray`, in coordinates of this surface, to its intersection, in a medium of index `n`.
     ///
@@ -140,17 +177,7 @@ impl Shape {
             return Ok(());
         }
         let normal = self.normal(ray)?;
-        let mu = T::of(n1 / n2);
-        let cos1 = ray.d[0] * normal[0] + ray.d[1] * normal[1] + ray.d[2] * normal[2];
-        let root = T::of(1.0) - mu * mu * (T::of(1.0) - cos1 * cos1);
-        if root.value() < 0.0 || cos1.value() <= 0.0 {
-            return Err(Stopped::Reflected);
-        }
-        let gamma = root.sqrt() - mu * cos1;
-        for (d, n) in ray.d.iter_mut().zip(normal) {
-            *d = mu * *d + gamma * n;
-        }
-        Ok(())
+        ray.refract(normal, n1 / n2)
     }
 
     /// Reflects `ray` at its point on the surface; z of the ray is reversed, so that it counts along the light again.
@@ -159,11 +186,7 @@ impl Shape {
     /// [`Stopped::Misses`] at the very edge of a conic, or where the light does not turn back.
     pub fn reflect<T: Scalar>(&self, ray: &mut Ray<T>) -> Result<(), Stopped> {
         let normal = self.normal(ray)?;
-        let [l, m, n] = ray.d;
-        let twice = T::of(2.0) * (l * normal[0] + m * normal[1] + n * normal[2]);
-        ray.d = [l - twice * normal[0], m - twice * normal[1], -(n - twice * normal[2])];
-        ray.p[2] = -ray.p[2];
-        if ray.d[2].value() > 0.0 { Ok(()) } else { Err(Stopped::Misses) }
+        ray.reflect(normal)
     }
 
     /// Unit normal at the ray's point on the surface, along +z.

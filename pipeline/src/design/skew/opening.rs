@@ -15,6 +15,7 @@ use std::f64::consts::{PI, TAU};
 use super::trace::SkewTracer;
 use crate::design::prescription::error::DesignError;
 use crate::design::pupil::PupilNode;
+use crate::design::pupil::openings::zero;
 use crate::design::pupil::quadrature::unit_interval;
 use crate::real;
 
@@ -258,34 +259,11 @@ impl Domain<'_> {
         (r, Some(surface))
     }
 
-    /// B(θ) where a surface limits it, and that surface, from `near`: the secant method within a bracket, to `tolerance` in the
-    /// overshoot or the radius.
+    /// B(θ) where a surface limits it, and that surface, from `near`.
     fn clipped_rim(&self, theta: f64, near: f64, tolerance: f64) -> (f64, usize) {
         let (s, c) = real::sin_cos(theta);
-        let (mut low, mut high) = (0.0, self.unit_circle(theta));
-        let (mut r, mut other, mut poor, mut surface) = (near.min(high), None::<(f64, f64)>, 0, 0);
-        for _ in 0..100 {
-            let width = high - low;
-            let f = self.over(self.centre[0] + r * c, self.centre[1] + r * s);
-            *(if f.0 > 0.0 { &mut high } else { &mut low }) = r;
-            surface = f.1;
-            if f.0.abs() < tolerance || high - low < tolerance {
-                break;
-            }
-            poor = if high - low > 0.5 * width { poor + 1 } else { 0 };
-            // An overshoot grows about as r²/B² − 1.
-            let next = match other {
-                None => r / (1.0 + f.0).max(1e-4).sqrt(),
-                Some((at, value)) => r - f.0 * (r - at) / (f.0 - value),
-            };
-            other = Some((r, f.0));
-            // Rays that end inside the lens have a constant overshoot, which stops the secant method.
-            let is_good = next > low && next < high && poor < 4;
-            r = if is_good { next } else { 0.5 * (low + high) };
-            if poor >= 4 {
-                poor = 0;
-            }
-        }
-        (r.clamp(low, high), surface)
+        let along = |r: f64| self.over(self.centre[0] + r * c, self.centre[1] + r * s);
+        let edge = self.unit_circle(theta);
+        zero(&along, (0.0, edge), near.min(edge), None, tolerance)
     }
 }

@@ -157,17 +157,7 @@ impl SkewShape {
             return Ok(());
         }
         let normal = self.normal(ray)?;
-        let mu = T::of(n1 / n2);
-        let cos1 = dot(ray.d, normal);
-        let root = T::of(1.0) - mu * mu * (T::of(1.0) - cos1 * cos1);
-        if root.value() < 0.0 || cos1.value() <= 0.0 {
-            return Err(Stopped::Reflected);
-        }
-        let gamma = root.sqrt() - mu * cos1;
-        for (d, n) in ray.d.iter_mut().zip(normal) {
-            *d = mu * *d + gamma * n;
-        }
-        Ok(())
+        ray.refract(normal, n1 / n2)
     }
 
     /// Reflects `ray` at its point on the surface; z of the ray is reversed, so that it counts along the light again.
@@ -179,11 +169,7 @@ impl SkewShape {
             return self.base.reflect(ray);
         }
         let normal = self.normal(ray)?;
-        let twice = T::of(2.0) * dot(ray.d, normal);
-        let [l, m, n] = ray.d;
-        ray.d = [l - twice * normal[0], m - twice * normal[1], -(n - twice * normal[2])];
-        ray.p[2] = -ray.p[2];
-        if ray.d[2].value() > 0.0 { Ok(()) } else { Err(Stopped::Misses) }
+        ray.reflect(normal)
     }
 
     /// Unit normal at the ray's point, along +z.
@@ -222,10 +208,6 @@ fn swept<T: Scalar>(radius: f64, x: T, (g, [_, slope]): (T, [T; 2])) -> Option<(
     }
     let depth = T::of(radius.signum()) * square.sqrt();
     Some((T::of(radius) - depth, [x / depth, slope * rest / depth]))
-}
-
-fn dot<T: Scalar>(a: [T; 3], b: [T; 3]) -> T {
-    a[0] * b[0] + a[1] * b[1] + a[2] * b[2]
 }
 
 fn power_of<T: Scalar>(x: T, n: u32) -> T {
