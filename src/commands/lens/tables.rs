@@ -12,7 +12,7 @@ mod wavefronts;
 
 pub use first_order::{design_figures, design_json};
 pub use request::Request;
-pub use table::{Table, csv_file};
+pub use table::{Table, csv_file, csv_line};
 
 use super::shown::Shown;
 use crate::args::{ShowArgs, TableName};

@@ -111,7 +111,7 @@ fn compute(request: &Request<'_>) -> Result<Found> {
         let assess = |values: &Vec<f64>| counted(Row::new(0, values.clone(), &batch));
         let both = extremes.par_iter().map(|e| [assess(&e.values[0]), assess(&e.values[1])]);
         let both: Vec<[Row; 2]> = both.collect();
-        Sensitivity::new(tolerances, &nominal, &extremes, both)
+        Sensitivity::new(&nominal, &extremes, both)
     });
     bar.finish_and_clear();
     let summary = Summary::new(request, &rows, &nominal, sensitivity.as_ref());

@@ -46,18 +46,22 @@ impl Table {
     pub fn csv(&self) -> String {
         let cell = |v: &Value| match v {
             Value::Null => String::new(),
-            // A quote is doubled (RFC 4180).
-            Value::String(s) if s.contains([',', '"', '\n', '\r']) => {
-                format!("\"{}\"", s.replace('"', "\"\""))
-            }
             Value::String(s) => s.clone(),
             Value::Number(n) if n.is_f64() => Value::from(n.as_f64().map(number)).to_string(),
             v => v.to_string(),
         };
-        let line = |cells: Vec<String>| cells.join(",") + "\n";
-        let rows = self.rows.iter().map(|row| line(row.iter().map(cell).collect()));
-        std::iter::once(line(self.columns.clone())).chain(rows).collect()
+        let rows = self.rows.iter().map(|row| csv_line(&row.iter().map(cell).collect::<Vec<_>>()));
+        std::iter::once(csv_line(&self.columns)).chain(rows).collect()
     }
+}
+
+/// A line of cells; a quote is doubled (RFC 4180).
+pub fn csv_line(cells: &[String]) -> String {
+    let quoted = |cell: &String| match cell.contains([',', '"', '\n', '\r']) {
+        true => format!("\"{}\"", cell.replace('"', "\"\"")),
+        false => cell.clone(),
+    };
+    cells.iter().map(quoted).collect::<Vec<_>>().join(",") + "\n"
 }
 
 /// The file of a table in `dir`.

@@ -4,6 +4,7 @@
 //! status, reason and drawn values. Field k is place k of `summary.json`, from 1.
 
 use super::request::Request;
+use crate::commands::lens::tables::csv_line;
 use crate::progress::number;
 use formats::design::tolerance::columns;
 use pipeline::design::tolerance::{AssessedLens, Batch, CriterionKind, FieldFigures};
@@ -67,7 +68,7 @@ pub fn csv(request: &Request<'_>, rows: &[Row], places: usize) -> String {
     let mut head: Vec<String> = ["sample", "status", "reason"].map(str::to_owned).to_vec();
     head.extend(columns(request.tolerances));
     head.extend(figure_columns(request, places));
-    let mut text = line(&head);
+    let mut text = csv_line(&head);
     for row in rows {
         let (status, reason) = match &row.outcome {
             Ok(figures) if figures.at_limit => ("ok", "film shift at its limit"),
@@ -80,7 +81,7 @@ pub fn csv(request: &Request<'_>, rows: &[Row], places: usize) -> String {
             Ok(figures) => cells.extend(figures.cells().iter().map(|v| number(*v).to_string())),
             Err(_) => cells.resize(head.len(), String::new()),
         }
-        text += &line(&cells);
+        text += &csv_line(&cells);
     }
     text
 }
@@ -113,13 +114,4 @@ impl Figures {
         cells.extend([self.shift_mm, self.illumination_change]);
         cells
     }
-}
-
-/// A line of cells; a quote is doubled (RFC 4180).
-pub fn line(cells: &[String]) -> String {
-    let quoted = |cell: &String| match cell.contains([',', '"', '\n', '\r']) {
-        true => format!("\"{}\"", cell.replace('"', "\"\"")),
-        false => cell.clone(),
-    };
-    cells.iter().map(quoted).collect::<Vec<_>>().join(",") + "\n"
 }

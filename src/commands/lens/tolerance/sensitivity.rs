@@ -4,7 +4,8 @@
 //! sign. The root of the sum of the mean squares of the changes is the estimate of the deviation that all cause together; it is
 //! good where changes are proportional to errors, and MTF falls with the square of small ones.
 
-use super::rows::{Row, line};
+use super::rows::Row;
+use crate::commands::lens::tables::csv_line;
 use crate::progress::number;
 use pipeline::design::tolerance::statistics::root_sum_square;
 use pipeline::design::tolerance::{Extreme, Tolerances};
@@ -44,7 +45,7 @@ impl Effect {
 
 impl Sensitivity {
     /// Of the lenses of `extremes`, both of each.
-    pub fn new(tolerances: &Tolerances, nominal: &Row, extremes: &[Extreme], lenses: Vec<[Row; 2]>) -> Self {
+    pub fn new(nominal: &Row, extremes: &[Extreme], lenses: Vec<[Row; 2]>) -> Self {
         let change = |row: &Row| {
             let (of, from) = (row.outcome.as_ref().ok()?, nominal.outcome.as_ref().ok()?);
             Some(Change {
@@ -61,7 +62,6 @@ impl Sensitivity {
         };
         let mut effects: Vec<Effect> = extremes.iter().zip(&lenses).map(effect).collect();
         effects.sort_by(|a, b| b.largest().total_cmp(&a.largest()));
-        debug_assert!(effects.iter().all(|e| e.parameter < tolerances.parameters().len()));
         let changes: Vec<[f64; 2]> =
             effects.iter().map(|e| e.changes.map(|c| c.map_or(0.0, |c| c.criterion))).collect();
         Self { root_sum_square: root_sum_square(&changes), effects }
@@ -80,7 +80,7 @@ impl Sensitivity {
             "shift_beyond_boresight_mm",
             "relative_illumination_change",
         ];
-        let mut text = line(&head.map(str::to_owned));
+        let mut text = csv_line(&head.map(str::to_owned));
         for effect in &self.effects {
             let parameter = &tolerances.parameters()[effect.parameter];
             for (limit, change) in
@@ -102,7 +102,7 @@ impl Sensitivity {
                     ),
                     None => cells.resize(head.len(), String::new()),
                 }
-                text += &line(&cells);
+                text += &csv_line(&cells);
             }
         }
         text
