@@ -162,6 +162,7 @@ impl Draft {
             primary: self.primary,
             aiming,
             notes: self.notes,
+            asymmetry: None,
         };
         system.check()?;
         Ok(system)

@@ -1,6 +1,6 @@
 //! Lenses without rotational symmetry: a design with errors of its parts, traced for any field point.
 //!
-//! [`pose`]: places of surfaces, conventions of design programs. [`deviation`]: errors of a lens; [`system`]: the lens as built. [`surface`],
+//! Places of surfaces: [`crate::design::prescription::pose`]. [`deviation`]: errors of a lens; [`system`]: the lens as built. [`surface`],
 //! [`trace`], [`aim`]: rays; [`chief`]: chief rays and the field of a film place. [`opening`], [`illumination`]: the open pupil and its
 //! light; [`pupil`]: pupil functions, for the PSFs. [`map`], [`mod@trace_map`]: the map from film to ideal plane, with relative illumination.
 //! [`tables`]: the tables and PSFs of a band.
@@ -14,7 +14,6 @@ pub mod error;
 pub mod illumination;
 pub mod map;
 pub mod opening;
-pub mod pose;
 pub mod pupil;
 mod relative_light;
 pub mod surface;

@@ -19,6 +19,7 @@ pub fn system(surfaces: Vec<Surface>, stop: usize, pupil_mm: f64) -> System {
         primary: 0,
         aiming: RayAiming::Paraxial,
         notes: Vec::new(),
+        asymmetry: None,
     }
 }
 

@@ -45,6 +45,7 @@ fn lens(rows: &[(f64, f64, f64, f64)], stop: usize, aperture: Aperture, object: 
         primary: 0,
         aiming: RayAiming::Real,
         notes: Vec::new(),
+        asymmetry: None,
     }
 }
 

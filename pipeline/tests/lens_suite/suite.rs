@@ -46,6 +46,7 @@ pub fn suite() -> Vec<Entry> {
                 primary: 1,
                 aiming: RayAiming::Real,
                 notes: Vec::new(),
+                asymmetry: None,
             };
             let (paraxial, fields, psf) = (Vec::new(), Vec::new(), Psf::default());
             lenses.push(Entry { system, paraxial, fields, direction: 1.0, psf });

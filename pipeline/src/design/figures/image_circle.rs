@@ -61,6 +61,7 @@ mod tests {
             primary: 0,
             aiming: RayAiming::Paraxial,
             notes: Vec::new(),
+            asymmetry: None,
         };
         let tracer = Tracer::new(&system, 0.55).unwrap();
         let found = tracer.image_circle_mm().unwrap();

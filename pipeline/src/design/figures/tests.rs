@@ -23,6 +23,7 @@ pub(in crate::design) fn system(
         primary: 0,
         aiming: RayAiming::Paraxial,
         notes: Vec::new(),
+        asymmetry: None,
     }
 }
 

@@ -31,6 +31,7 @@ pub(super) fn lens(rows: &[(f64, f64, f64, f64)], stop: usize) -> System {
         primary: 0,
         aiming: RayAiming::Paraxial,
         notes: Vec::new(),
+        asymmetry: None,
     }
 }
 

@@ -97,8 +97,8 @@ impl System {
         }
     }
 
-    /// Text of everything that determines traced tables, for digests. Absorption and names of coatings count in a lens with coatings only, and what a lens without
-    /// them does not have is left out, so that its digests remain those of before there were coatings.
+    /// Text of everything that determines traced tables, for digests. Absorption and names of coatings count in a lens with coatings only, and what a lens
+    /// without them does not have is left out, so that its digests remain those of before there were coatings.
     pub fn identity(&self) -> String {
         let has_coatings = self.surfaces.iter().any(|s| s.coating.is_some());
         let mut system = Self { name: String::new(), notes: Vec::new(), ..self.clone() };
@@ -108,7 +108,7 @@ impl System {
                 glass.absorption = None;
             }
         }
-        ["coating_name", "coating", "absorption"]
+        ["coating_name", "coating", "absorption", "asymmetry"]
             .iter()
             .fold(format!("{system:?}"), |text, field| text.replace(&format!(", {field}: None"), ""))
     }

@@ -45,6 +45,7 @@ impl System {
             primary: 1,
             aiming: RayAiming::Paraxial,
             notes: Vec::new(),
+            asymmetry: None,
         }
     }
 }

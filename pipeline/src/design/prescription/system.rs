@@ -2,11 +2,12 @@
 //!
 //! Lengths in mm, wavelengths in µm. The object lies in air at `object_distance_mm` before surface 0 (`None` = infinity);
 //! `surfaces` are from the first surface to the image plane, which is the last and flat; it may lie in a glass (a sensor behind cement). Each surface has the distance to the
-//! next one and the medium in between. Rotationally symmetric: no tilts, no decentres.
+//! next one and the medium in between. Rotationally symmetric; what a design without symmetry has beside that: [`super::asymmetry`].
 //!
 //! z counts along the light: behind an odd number of mirrors it runs against the z of the design file, so that thicknesses are positive
 //! and curvatures have the sign that the light sees. [`System::axis`] gives the places in the z of the first surface.
 
+use super::asymmetry::Asymmetry;
 use super::coating::Coating;
 use super::error::DesignError;
 use super::glass::Glass;
@@ -164,6 +165,9 @@ pub struct System {
     pub aiming: RayAiming,
     /// Notes of the reader for the user.
     pub notes: Vec<String>,
+    /// Poses and shapes of the surfaces of a design without rotational symmetry, whose `surfaces` are then its straightened lens; `None` = rotationally
+    /// symmetric.
+    pub asymmetry: Option<Asymmetry>,
 }
 
 impl System {
@@ -215,6 +219,9 @@ impl System {
         }
         if self.is_telecentric {
             self.check_telecentric()?;
+        }
+        if let Some(problem) = self.asymmetry.as_ref().and_then(|a| a.problem(self.surfaces.len())) {
+            return no(problem);
         }
         let image = &self.surfaces[self.image()];
         if !image.shape.is_flat() {

@@ -123,6 +123,7 @@ pub(in crate::design) fn lens(name: &str) -> System {
         primary: 0,
         aiming: RayAiming::Real,
         notes: Vec::new(),
+        asymmetry: None,
     }
 }
 

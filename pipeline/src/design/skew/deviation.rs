@@ -12,7 +12,7 @@
 //! ```
 //! Source: ISO 10110-5 (fringe spacings); OpticStudio, help of the tolerance operands TFRN and TIRR.
 
-use super::surface::XyTerm;
+use crate::design::prescription::freeform::XyTerm;
 use crate::real;
 
 /// An error of a built lens. Surfaces count from 0, the film is the last.

@@ -1,17 +1,9 @@
-//! A surface without rotational symmetry: its sag, its intersection with a ray, refraction and reflection.
+//! Rays at a surface without rotational symmetry ([`SkewShape`]): its sag, intersection, refraction and reflection.
 //!
-//! ```text
-//! sag(x, y) = u / (1 + √(1 − (1 + κx) cx² x² − (1 + κy) cy² y²)) + Σ α_i r^(2i) + Σ β_i r^(2i−1) + Σ c_ij x^i y^j
-//! u = cx x² + cy y²
-//! toroid: conic part = R − sgn(R) √((R − g)² − x²),   g(y) the conic part of cx = 0
-//! ```
-//! with cy = cx, κy = κx unless the surface is biconic or a toroid: the curve g swept about an axis along y at z = R (∞: a
-//! cylinder). Coordinates in mm, origin at the vertex, +z along the light. A surface without XY terms that is not biconic is a
-//! [`Shape`], with its closed forms and its bits. Else Newton's method, from the intersection with the rotationally symmetric
-//! part (else with its vertex plane), with the exact gradient, to 1e-13 mm.
-//! Source: OpticStudio, help of the surface types Biconic, Toroidal and Extended Polynomial; Welford, Aberrations of Optical
-//! Systems, chapter 4. Left out: gratings, freeform grids.
+//! A surface without XY terms that is not biconic is a [`Shape`], with its closed forms and its bits. Else Newton's method, from the
+//! intersection with the rotationally symmetric part (else with its vertex plane), with the exact gradient, to 1e-13 mm.
 
+use crate::design::prescription::freeform::{AlongY, SkewShape};
 use crate::design::prescription::shape::Shape;
 use crate::design::rays::scalar::Scalar;
 use crate::design::rays::surface::{Ray, Stopped};
@@ -21,53 +13,7 @@ const SAG_TOLERANCE_MM: f64 = 1e-13;
 /// Iterations of Newton's method; surfaces with figure errors need 3 or 4.
 const ITERATIONS: u32 = 50;
 
-/// A term c x^i y^j of a sag.
-#[derive(Clone, Copy, Debug, PartialEq)]
-pub struct XyTerm {
-    /// Power of x.
-    pub i: u32,
-    /// Power of y.
-    pub j: u32,
-    /// Coefficient, mm^(1−i−j).
-    pub coefficient: f64,
-}
-
-impl XyTerm {
-    /// c x^i y^j.
-    pub fn new(i: u32, j: u32, coefficient: f64) -> Self {
-        Self { i, j, coefficient }
-    }
-}
-
-/// Curvature and conic constant of a surface along y.
-#[derive(Clone, Copy, Debug, PartialEq)]
-pub struct AlongY {
-    /// Curvature, 1/mm.
-    pub curvature: f64,
-    /// Conic constant.
-    pub conic: f64,
-    /// Radius of the circle along x, mm, of a toroid; `None` = a biconic surface, with the curvature and conic constant of its
-    /// [`Shape`] along x.
-    pub swept_mm: Option<f64>,
-}
-
-/// The shape of a surface without rotational symmetry.
-#[derive(Clone, Debug, Default, PartialEq)]
-pub struct SkewShape {
-    /// Conic, even and odd terms.
-    pub base: Shape,
-    /// That of a biconic surface or of a toroid along y.
-    pub along_y: Option<AlongY>,
-    /// XY terms.
-    pub xy: Vec<XyTerm>,
-}
-
 impl SkewShape {
-    /// Whether it is its base alone.
-    fn is_symmetric(&self) -> bool {
-        self.along_y.is_none() && self.xy.is_empty()
-    }
-
     /// Moves `ray`, in coordinates of this surface, to its intersection, in a medium of index `n`.
     ///
     /// # Errors
@@ -105,13 +51,21 @@ impl SkewShape {
 
     /// Sag, mm, and its derivatives by x and y; none beyond the edge of a conic.
     pub fn sag<T: Scalar>(&self, x: T, y: T) -> Option<(T, [T; 2])> {
-        let (mut sag, mut slope) = match self.along_y {
+        let (mut sag, mut slope) = match &self.along_y {
             None => conic_part([self.base.curvature; 2], [self.base.conic; 2], [x, y])?,
-            Some(AlongY { curvature, conic, swept_mm: None }) => {
-                conic_part([self.base.curvature, curvature], [self.base.conic, conic], [x, y])?
+            Some(AlongY { curvature, conic, swept_mm: None, .. }) => {
+                conic_part([self.base.curvature, *curvature], [self.base.conic, *conic], [x, y])?
             }
-            Some(AlongY { curvature, conic, swept_mm: Some(radius) }) => {
-                swept(radius, x, conic_part([0.0, curvature], [0.0, conic], [x, y])?)?
+            Some(AlongY { curvature, conic, swept_mm: Some(radius), aspheric }) => {
+                let (mut g, [_, mut slope]) = conic_part([0.0, *curvature], [0.0, *conic], [x, y])?;
+                let mut power = y;
+                for (i, c) in aspheric.iter().enumerate() {
+                    slope = slope + T::of(2.0 * (i + 1) as f64 * c) * power;
+                    power = power * y;
+                    g = g + T::of(*c) * power;
+                    power = power * y;
+                }
+                swept(*radius, x, (g, slope))?
             }
         };
         let r2 = x * x + y * y;
@@ -197,7 +151,7 @@ fn conic_part<T: Scalar>([cx, cy]: [f64; 2], [kx, ky]: [f64; 2], [x, y]: [T; 2])
 }
 
 /// Sag and slopes of the curve of sag and slopes (g, g') along y, swept about the axis at z = `radius`; none beyond its edge.
-fn swept<T: Scalar>(radius: f64, x: T, (g, [_, slope]): (T, [T; 2])) -> Option<(T, [T; 2])> {
+fn swept<T: Scalar>(radius: f64, x: T, (g, slope): (T, T)) -> Option<(T, [T; 2])> {
     if radius.is_infinite() {
         return Some((g, [T::of(0.0), slope]));
     }
@@ -217,12 +171,13 @@ fn power_of<T: Scalar>(x: T, n: u32) -> T {
 #[cfg(test)]
 mod tests {
     use super::*;
+    use crate::design::prescription::freeform::XyTerm;
     use crate::design::rays::scalar::Dual;
 
     fn freeform() -> SkewShape {
         let base = Shape { curvature: 0.02, conic: -0.7, aspheric: vec![1e-3, 2e-5], odd: vec![0.0, 3e-5] };
         let xy = vec![XyTerm::new(1, 0, 1e-3), XyTerm::new(2, 1, 3e-5), XyTerm::new(0, 3, -2e-5)];
-        SkewShape { base, along_y: Some(AlongY { curvature: -0.01, conic: 0.4, swept_mm: None }), xy }
+        SkewShape { base, along_y: Some(AlongY { curvature: -0.01, conic: 0.4, ..AlongY::default() }), xy }
     }
 
     fn ray(x: f64, y: f64) -> Ray<f64> {
@@ -230,7 +185,8 @@ mod tests {
     }
 
     fn toroid(swept_mm: f64) -> SkewShape {
-        let along_y = AlongY { curvature: 0.03, conic: -0.5, swept_mm: Some(swept_mm) };
+        let along_y =
+            AlongY { curvature: 0.03, conic: -0.5, aspheric: vec![1e-3, -2e-5], swept_mm: Some(swept_mm) };
         SkewShape { along_y: Some(along_y), ..SkewShape::default() }
     }
 
@@ -250,7 +206,7 @@ mod tests {
     /// A toroid of equal radii is a sphere; one of an infinite radius has no sag along x.
     #[test]
     fn toroids_in_closed_form() {
-        let along_y = AlongY { curvature: 0.03, conic: 0.0, swept_mm: Some(1.0 / 0.03) };
+        let along_y = AlongY { curvature: 0.03, swept_mm: Some(1.0 / 0.03), ..AlongY::default() };
         let ball = SkewShape { along_y: Some(along_y), ..SkewShape::default() };
         let sphere = Shape { curvature: 0.03, ..Shape::default() };
         for (x, y) in [(2.0, 1.0), (-9.0, 5.0), (0.1, -12.0)] {
@@ -273,7 +229,7 @@ mod tests {
         let conic = SkewShape { base: base.clone(), ..SkewShape::default() };
         let biconic = SkewShape {
             base,
-            along_y: Some(AlongY { curvature: 0.02, conic: -0.7, swept_mm: None }),
+            along_y: Some(AlongY { curvature: 0.02, conic: -0.7, ..AlongY::default() }),
             xy: vec![],
         };
         let zero = SkewShape { xy: vec![XyTerm::new(0, 0, 0.0)], ..conic.clone() };
@@ -321,11 +277,7 @@ mod tests {
     #[test]
     fn a_cylinder_has_power_along_one_direction() {
         let base = Shape { curvature: 0.02, ..Shape::default() };
-        let cylinder = SkewShape {
-            base,
-            along_y: Some(AlongY { curvature: 0.0, conic: 0.0, swept_mm: None }),
-            xy: vec![],
-        };
+        let cylinder = SkewShape { base, along_y: Some(AlongY::default()), xy: vec![] };
         let mut ray = Ray { p: [1e-3, 1e-3, -1.0], d: [0.0, 0.0, 1.0], path: 0.0 };
         cylinder.meet(&mut ray, 1.0).unwrap();
         cylinder.refract(&mut ray, 1.0, 1.5).unwrap();

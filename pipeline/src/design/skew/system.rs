@@ -15,9 +15,9 @@
 
 use super::deviation::{Deviation, Pivot, ShapeChange};
 use super::error::SkewError;
-use super::pose::{Matrix, Pose, Vector, product, times, transpose};
-use super::surface::SkewShape;
 use crate::design::prescription::error::DesignError;
+use crate::design::prescription::freeform::SkewShape;
+use crate::design::prescription::pose::{Matrix, Pose, Vector, product, times, transpose};
 use crate::design::prescription::system::System;
 use crate::design::rays::scalar::Scalar;
 use crate::design::rays::surface::Ray;

@@ -40,6 +40,7 @@ fn lens() -> System {
         primary: 0,
         aiming: RayAiming::Real,
         notes: Vec::new(),
+        asymmetry: None,
     }
 }
 

@@ -1,10 +1,10 @@
 //! Closed forms, golden values of the model, and rays of another program.
 
 use super::lenses::{ARCMIN, LAST, REAR, UM, double_gauss, few_errors, film, lens, lens_0, moved};
+use crate::design::prescription::pose::Pose;
 use crate::design::prescription::system::{RayAiming, System};
 use crate::design::rays::surface::Ray;
 use crate::design::skew::deviation::{Deviation, Pivot};
-use crate::design::skew::pose::Pose;
 use crate::design::skew::system::BuiltLens;
 use crate::design::skew::trace::SkewTracer;
 use crate::real;

@@ -53,6 +53,12 @@ pub enum CodeVKind {
 
 const UNIT: Matrix = [[1.0, 0.0, 0.0], [0.0, 1.0, 0.0], [0.0, 0.0, 1.0]];
 
+impl Default for Pose {
+    fn default() -> Self {
+        Self::IDENTITY
+    }
+}
+
 impl Pose {
     /// The parent frame itself.
     pub const IDENTITY: Self = Self { rotation: UNIT, origin_mm: [0.0; 3] };
@@ -136,18 +142,18 @@ fn tilts_about_z_y_x(tilt_rad: Vector) -> Matrix {
 }
 
 /// a b.
-pub(super) fn product(a: &Matrix, b: &Matrix) -> Matrix {
+pub(in crate::design) fn product(a: &Matrix, b: &Matrix) -> Matrix {
     std::array::from_fn(|i| {
         std::array::from_fn(|j| a[i][0] * b[0][j] + a[i][1] * b[1][j] + a[i][2] * b[2][j])
     })
 }
 
-pub(super) fn transpose(a: &Matrix) -> Matrix {
+pub(in crate::design) fn transpose(a: &Matrix) -> Matrix {
     std::array::from_fn(|i| std::array::from_fn(|j| a[j][i]))
 }
 
 /// a v.
-pub(super) fn times(a: &Matrix, v: Vector) -> Vector {
+pub(in crate::design) fn times(a: &Matrix, v: Vector) -> Vector {
     a.map(|row| row[0] * v[0] + row[1] * v[1] + row[2] * v[2])
 }
 
