@@ -14,7 +14,7 @@ use formats::design::builtin::{self, BuiltinLens};
 use formats::design::{INFINITE_MM, LensFile, LensFileError, ReadOptions, agf, is_lens_file};
 use pipeline::design::crossing::crossings;
 use pipeline::design::glass_library::GlassLibrary;
-use pipeline::design::system::{ImagePlane, System};
+use pipeline::design::system::{ImagePlane, RayAiming, System};
 pub use reflectance::reflectance;
 use std::path::{Path, PathBuf};
 
@@ -73,6 +73,9 @@ pub fn focused(name: &str, args: &DesignArgs, focus_m: Option<f64>) -> Result<(S
     let Some(focus_m) = focus_m else { return open_file(name, args) };
     let as_designed = DesignArgs { image_plane: ImagePlaneArg::Design, defocus_mm: 0.0, ..args.clone() };
     let (system, file) = open_file(name, &as_designed)?;
+    if system.asymmetry.is_some() {
+        return Err(without_symmetry("--focus-m").context(format!("design {name}")));
+    }
     let focused = system.focused_at(1.0 / focus_m, image_plane(args, &system), args.defocus_mm);
     Ok((focused.with_context(|| format!("focusing {name} at {focus_m} m"))?, file))
 }
@@ -88,11 +91,13 @@ pub fn open_file(name: &str, args: &DesignArgs) -> Result<(System, Option<Design
     let (system, file, coatings) = read_design(name, args)?;
     let system = apply(system, args, &coatings).and_then(|s| match (&file, args.aiming) {
         // The built-in design keeps its setting, which its reference tables have.
-        (Some(_), None) => Ok(s.with_checked_aiming()?),
+        (Some(_), None) if s.asymmetry.is_none() => Ok(s.with_checked_aiming()?),
         _ => Ok(s),
     });
     let mut system = system.with_context(|| format!("design {name}"))?;
-    system.notes.extend(crossings(&system));
+    if system.asymmetry.is_none() {
+        system.notes.extend(crossings(&system));
+    }
     Ok((system, file))
 }
 
@@ -218,7 +223,26 @@ pub fn image_plane(args: &DesignArgs, system: &System) -> ImagePlane {
     }
 }
 
+/// The error of a flag for designs with rotational symmetry.
+fn without_symmetry(flag: &str) -> anyhow::Error {
+    usage(format!("{flag}: expected a design with rotational symmetry, this one has none"))
+}
+
+/// The flag of `args` that designs without rotational symmetry do not have, if one is given.
+fn refused_without_symmetry(args: &DesignArgs) -> Option<&'static str> {
+    let flags = [
+        ("--gap", !args.gap.is_empty()),
+        ("--image-plane", args.image_plane != ImagePlaneArg::Design),
+        ("--defocus-mm", args.defocus_mm != 0.0),
+        ("--aiming paraxial", args.aiming == Some(RayAiming::Paraxial)),
+    ];
+    flags.into_iter().find_map(|(flag, is_given)| is_given.then_some(flag))
+}
+
 fn apply(mut system: System, args: &DesignArgs, coatings: &DesignCoatings) -> Result<System> {
+    if let (Some(_), Some(flag)) = (&system.asymmetry, refused_without_symmetry(args)) {
+        return Err(without_symmetry(flag));
+    }
     for (surface, mm) in &args.gap {
         let gaps = system.image();
         if !(1..=gaps).contains(surface) {

@@ -333,8 +333,9 @@ pub struct TraceArgs {
     /// Pitch of the film that the pack is made for, µm
     #[arg(long, value_name = "UM", value_parser = pitch, default_value = "2")]
     pub film_pitch_um: f64,
-    /// Size of the film in pixels, N or WxH, that the map of a lens with --tolerances covers [default: the square within --max-height-mm]
-    #[arg(long, value_name = "WxH", value_parser = size, requires = "tolerances")]
+    /// Size of the film in pixels, N or WxH, that the map of a lens without rotational symmetry covers: with --tolerances, or by design
+    /// [default: the square within --max-height-mm]
+    #[arg(long, value_name = "WxH", value_parser = size)]
     pub film_size: Option<Size>,
     /// What the pack has of the PSFs: their samples, or the pupil functions they are computed from when the pack is read, a hundredth of the bytes
     /// [default: psfs up to 1 GB uncompressed, else pupils]

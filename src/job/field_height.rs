@@ -7,7 +7,7 @@ use pipeline::design::describe::describe;
 /// Margin for half a PSF window beyond the film's corner, mm.
 const MARGIN_MM: f64 = 0.25;
 
-/// Ideal height of the lens's outermost field point, mm; `None` for a design without field points.
+/// Ideal height of the lens's outermost field point, mm; `None` for a design without field points or without rotational symmetry.
 ///
 /// # Errors
 /// The design has no first-order properties.
@@ -16,6 +16,8 @@ pub fn field_height_mm(lens: &UntracedLens) -> Result<Option<f64>> {
         UntracedLens::Pack(pack) => {
             pack.lens().bands.iter().map(|band| band.ideal_height_at(band.reach_mm())).reduce(f64::min)
         }
+        // Known of lenses with rotational symmetry.
+        UntracedLens::Design(_) if lens.is_asymmetric_design() => None,
         UntracedLens::Design(design) => Some(describe(&design.system)?.paraxial_image_height_mm),
     }
     .filter(|mm| *mm > 0.0))

@@ -1,15 +1,17 @@
 //! Lens of a run: a pack, or a design traced at the wavelengths of the job ([`tracing`]).
 
+pub mod asymmetric;
 pub mod attributes;
 mod band_widths;
 mod blur;
 pub mod built;
-mod built_bands;
 pub mod cache;
 pub mod depth_nodes;
 pub mod drawn;
 pub mod energy;
 mod estimate;
+mod planar;
+mod planar_bands;
 mod reach;
 pub mod request;
 pub mod samples;
@@ -23,6 +25,7 @@ use crate::design::{self, DesignFile};
 use crate::failure::usage;
 use crate::open;
 use anyhow::{Context, Result};
+use asymmetric::AsymmetricLens;
 use band_widths::BandWidths;
 use drawn::DrawnLens;
 pub use estimate::estimated;
@@ -32,6 +35,8 @@ use pipeline::depth::plan::Surfaces;
 use pipeline::design::System;
 use pipeline::design::depth::trace::DepthOptions;
 use pipeline::design::paraxial::Paraxial;
+use pipeline::design::skew::grid::GridTrace;
+use pipeline::design::skew::map::FilmRange;
 use pipeline::design::trace::{LensTrace, TraceOptions};
 use pipeline::geometry::Frame;
 use pipeline::lens::PsfSample;
@@ -61,7 +66,7 @@ pub enum UntracedLens {
 
 /// A design before it is traced.
 pub struct UntracedDesign {
-    /// The design.
+    /// The design; of one without rotational symmetry its straightened lens, for first-order figures.
     pub system: System,
     /// As given.
     pub name: String,
@@ -71,8 +76,8 @@ pub struct UntracedDesign {
     pub tracing: Option<TracingArgs>,
     /// Widths of its bands; none if a band is one wavelength.
     bands: Option<BandWidths>,
-    /// The lens as built, if it is drawn from manufacturing errors.
-    drawn: Option<DrawnLens>,
+    /// The lens that is traced, if it has no rotational symmetry.
+    asymmetric: Option<AsymmetricLens>,
 }
 
 impl UntracedLens {
@@ -93,7 +98,15 @@ impl UntracedLens {
     pub fn is_symmetric(&self) -> bool {
         match self {
             Self::Pack(pack) => pack.lens().is_symmetric(),
-            Self::Design(design) => design.drawn.is_none(),
+            Self::Design(design) => design.asymmetric.is_none(),
+        }
+    }
+
+    /// Whether it has no rotational symmetry by design.
+    pub fn is_asymmetric_design(&self) -> bool {
+        match self {
+            Self::Pack(_) => false,
+            Self::Design(design) => design.asymmetric.as_ref().is_some_and(|lens| lens.design().is_some()),
         }
     }
 
@@ -104,8 +117,16 @@ impl UntracedLens {
     pub fn with_errors(self, args: &BuiltArgs) -> Result<Self> {
         match self {
             Self::Design(design) => {
+                if args.tolerances.is_some() && design.asymmetric.is_some() {
+                    return Err(usage(format!(
+                        "--tolerances: expected a design with rotational symmetry, `{}` has none",
+                        design.name
+                    )));
+                }
                 let drawn = DrawnLens::new(args, &design.system)?;
-                Ok(Self::Design(Box::new(UntracedDesign { drawn, ..*design })))
+                let drawn = drawn.map(|drawn| AsymmetricLens::Drawn(Box::new(drawn)));
+                let asymmetric = drawn.or(design.asymmetric);
+                Ok(Self::Design(Box::new(UntracedDesign { asymmetric, ..*design })))
             }
             Self::Pack(pack) if args.tolerances.is_some() => Err(usage(format!(
                 "--tolerances: expected a design; lens `{}` is a lens pack, which was traced before",
@@ -135,13 +156,15 @@ impl UntracedLens {
         if design::is_design(name) {
             let (system, file) = design::focused(name, &tracing.design(&given.gap), given.focus_m)?;
             let (name, tracing) = (name.to_owned(), Some(tracing.clone()));
+            let (system, asymmetric) =
+                AsymmetricLens::of_design(system).with_context(|| format!("design {name}"))?;
             return Ok(Self::Design(Box::new(UntracedDesign {
                 system,
                 name,
                 file,
                 tracing,
                 bands: None,
-                drawn: None,
+                asymmetric,
             })));
         }
         let pack = Box::new(open::lens(name)?);
@@ -279,7 +302,10 @@ impl UntracedLens {
             Self::Design(design) => {
                 let system = &design.system;
                 let options = TraceOptions::new(Vec::from([system.primary_um() * 1e3]), 1e-3);
-                let header = LensTrace::new(system, &options)?.header();
+                let header = match design.asymmetric.as_ref().and_then(AsymmetricLens::design) {
+                    Some(lens) => GridTrace::new(lens, &options, FilmRange::centred([1e-3; 2]))?.header()?,
+                    None => LensTrace::new(system, &options)?.header(),
+                };
                 (header.magnification, header.object_distance_mm)
             }
         };
@@ -309,7 +335,7 @@ impl JobLens {
         match input {
             UntracedLens::Pack(pack) => Ok(Self::Pack(Arc::from(pack))),
             UntracedLens::Design(design) => {
-                let UntracedDesign { system, name, file, tracing, bands, drawn } = *design;
+                let UntracedDesign { system, name, file, tracing, bands, asymmetric } = *design;
                 let job = TracingJob {
                     system: &system,
                     name: &name,
@@ -318,13 +344,17 @@ impl JobLens {
                     tracing: tracing.as_ref(),
                     depth,
                     bands: bands.as_ref(),
-                    drawn: drawn.as_ref(),
+                    asymmetric: asymmetric.as_ref(),
                 };
                 let traced = self::tracing::trace(&job, wavelengths_nm, threads);
                 let traced = traced.with_context(|| format!("tracing {name}"));
                 let traced = match &tracing {
                     Some(_) => traced?,
                     None => traced.map_err(|e| without_flags(&name, e))?,
+                };
+                let drawn = match asymmetric {
+                    Some(AsymmetricLens::Drawn(drawn)) => Some(*drawn),
+                    _ => None,
                 };
                 Ok(Self::Traced(Box::new(Traced { file, drawn, ..traced })))
             }

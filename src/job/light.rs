@@ -55,6 +55,9 @@ pub fn with_likely_pitch(args: &RunArgs, error: anyhow::Error) -> anyhow::Error 
 /// Usage, with the likely unit.
 pub fn check_pitch(args: &RunArgs, lens: &UntracedLens) -> Result<()> {
     let UntracedLens::Design(design) = lens else { return Ok(()) };
+    if lens.is_asymmetric_design() {
+        return Ok(());
+    }
     let given = args.placement.film_pitch_um.filter(|um| *um < MIN_USUAL_PITCH_UM);
     let Some((pitch_um, cause)) = given.and_then(|um| Some((um, likely_pitch(um)?))) else { return Ok(()) };
     if !args.stages.contains(&Stage::Svpsf) {

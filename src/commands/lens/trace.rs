@@ -23,7 +23,9 @@ use pipeline::design::depth::trace::DepthOptions;
 use pipeline::design::describe::field_tan;
 use pipeline::design::image_circle::EDGE;
 use pipeline::design::ray::Tracer;
+use pipeline::design::skew::system::BuiltLens;
 use pipeline::design::trace::{BandReport, LensTrace, Progress, PsfHeights, TraceOptions, TracedBand};
+use pipeline::lens::planar::PsfPlaces;
 use pipeline::psf::blocks::Blocks;
 use std::path::Path;
 use std::time::Instant;
@@ -44,8 +46,24 @@ pub fn command(args: &TraceArgs) -> Result<()> {
         log_line(format!("note: {note}"));
     }
     let options = options(args, &system)?;
+    if system.asymmetry.is_some() {
+        if args.built.tolerances.is_some() {
+            return Err(usage(format!(
+                "--tolerances: expected a design with rotational symmetry, {} has none",
+                args.design
+            )));
+        }
+        let lens = BuiltLens::of_design(&system).with_context(|| format!("design {}", args.design))?;
+        return built::trace_design(args, &lens, &options, start);
+    }
     if let Some(drawn) = DrawnLens::new(&args.built, &system)? {
         return built::trace(args, &drawn, &options, start);
+    }
+    if args.film_size.is_some() {
+        return Err(usage(format!(
+            "--film-size: expected a lens without rotational symmetry or --tolerances; {} has tables over image height (--max-height-mm)",
+            args.design
+        )));
     }
     if let Some(depth) = depth {
         if args.tails {
@@ -109,12 +127,15 @@ fn band_line(TracedBand { tables, report, .. }: &TracedBand) -> String {
             format!("{:.2} % at {:.2} mm, median {:.2} %", 100.0 * e.worst, e.at_mm, 100.0 * e.median);
         if e.limited { format!("{median} (limited by --max-nodes)") } else { median }
     });
+    let places = match tables.planar.as_ref().map(|planar| &planar.psfs) {
+        Some(PsfPlaces::Cartesian { x_mm, y_mm }) => format!("{} x {} nodes", x_mm.len(), y_mm.len()),
+        _ => format!("{} heights, {nodes} nodes", tables.psf_height_mm.len()),
+    };
     format!(
-        "{} nm: window {} px with at least {:.2} % of the light, {} heights, {nodes} nodes, kernel error {error}",
+        "{} nm: window {} px with at least {:.2} % of the light, {places}, kernel error {error}",
         number(report.wavelength_nm),
         report.window_px,
         100.0 * report.min_energy,
-        tables.psf_height_mm.len(),
     )
 }
 
@@ -182,6 +203,7 @@ fn options(args: &TraceArgs, system: &System) -> Result<TraceOptions> {
     let given = args.heights.as_deref().map(heights).transpose()?;
     let max_mm = match args.max_height_mm {
         Some(mm) => mm,
+        None if system.asymmetry.is_some() => built::max_height_mm(args)?,
         None => max_height_mm(args, system, given.as_deref())?,
     };
     let mut options = TraceOptions::new(wavelengths, max_mm);

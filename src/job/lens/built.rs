@@ -1,47 +1,12 @@
-//! A lens as built, adjusted once for its film (focus, tilt, place), and the rectangle of its map.
+//! What a pack records of a lens as built, and the rectangle of the map of a lens without rotational symmetry.
 //!
-//! PSF nodes reach as far as those of the nominal lens; the map covers the film with the same margin on all sides, as wide as its corners stay within that
+//! PSF nodes of a lens as built reach as far as those of the nominal lens; the map covers the film with the same margin on all sides, as wide as its corners stay within that
 //! reach.
 
-use super::drawn::DrawnLens;
-use super::tracing_job::TracingJob;
-use anyhow::Result;
 use formats::lens::{PackAttributes, ReferencePoint};
 use pipeline::design::skew::map::FilmRange;
-use pipeline::design::skew::tables::NominalNodes;
 use pipeline::design::tolerance::Compensated;
-use pipeline::design::trace::with_threads;
 use serde_json::{Value, json};
-
-/// A lens as built and adjusted, and the nodes of its nominal lens.
-pub(super) struct BuiltBands {
-    pub(super) compensated: Compensated,
-    /// Its errors, as recorded.
-    errors: Value,
-    pub(super) nodes: NominalNodes,
-}
-
-impl BuiltBands {
-    /// The drawn lens, adjusted for the film of `job` by `threads` threads.
-    ///
-    /// # Errors
-    /// A lens that loses its light.
-    pub(super) fn new(job: &TracingJob<'_>, drawn: &DrawnLens, threads: usize) -> Result<Self> {
-        let corner_mm = job.frame.farthest_mm(job.frame.film.rect());
-        let compensated = with_threads(threads, || drawn.compensated(corner_mm))?;
-        Ok(Self { compensated, errors: drawn.record.clone(), nodes: NominalNodes::default() })
-    }
-
-    /// Notes on what was adjusted.
-    pub(super) fn notes(&self) -> &[String] {
-        &self.compensated.notes
-    }
-
-    /// `attributes` with its errors and with what was adjusted.
-    pub(super) fn record(&self, attributes: PackAttributes) -> PackAttributes {
-        recorded(attributes, self.errors.clone(), &self.compensated)
-    }
-}
 
 /// `attributes` of a pack of a lens with `errors`, and with what was adjusted.
 pub fn recorded(attributes: PackAttributes, errors: Value, adjusted: &Compensated) -> PackAttributes {

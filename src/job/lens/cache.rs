@@ -17,6 +17,7 @@ use anyhow::{Context, Result, bail};
 use formats::durable::{self, HashedFile};
 use formats::lens::{LensPack, LensPackWriter, PackAttributes};
 use pipeline::design::depth::trace::DepthOptions;
+use pipeline::design::skew::grid::GRID_VERSION;
 use pipeline::design::skew::map::FilmRange;
 use pipeline::design::skew::system::BuiltLens;
 use pipeline::design::skew::tables::SKEW_VERSION;
@@ -81,13 +82,14 @@ pub fn recipe(
     blake3::hash(text.as_bytes()).to_hex().to_string()
 }
 
-/// Digest of all inputs of a traced band of the lens as built `lens`, with a map over `range`. `options` must hold its wavelength only.
-pub fn built_recipe(lens: &BuiltLens, options: &TraceOptions, range: &FilmRange) -> String {
-    let text = format!(
-        "lenscube traced band of a lens as built, tracer {TRACER_VERSION}, nodes {NODES_VERSION}, built {SKEW_VERSION}\n{}\n{:?}\n{options:?}\n{range:?}\n",
-        lens.nominal().identity(),
-        lens.deviations()
-    );
+/// Digest of all inputs of a traced band of `lens`, which has no rotational symmetry, with a map over `range`. `options` must hold its wavelength only.
+pub fn planar_recipe(lens: &BuiltLens, options: &TraceOptions, range: &FilmRange) -> String {
+    let kind = match lens.is_asymmetric_design() {
+        true => format!("without symmetry, grid {GRID_VERSION}, rays {SKEW_VERSION}"),
+        false => format!("as built, tracer {TRACER_VERSION}, nodes {NODES_VERSION}, built {SKEW_VERSION}"),
+    };
+    let text =
+        format!("lenscube traced band of a lens {kind}\n{}\n{options:?}\n{range:?}\n", lens.identity());
     blake3::hash(text.as_bytes()).to_hex().to_string()
 }
 

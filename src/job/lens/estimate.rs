@@ -57,7 +57,7 @@ pub fn estimated(
         tracing: Some(tracing),
         depth: Some(traced_for),
         bands: None,
-        drawn: None,
+        asymmetric: None,
     };
     let nm = system.primary_um() * 1e3;
     let at_primary = trace_options(nm, 1.0, &job);

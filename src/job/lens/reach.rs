@@ -182,7 +182,7 @@ mod tests {
             tracing: None,
             depth: None,
             bands: None,
-            drawn: None,
+            asymmetric: None,
         };
         let reach = Reach { field_mm, steps_mm: steps_mm.to_vec(), ..Reach::new(&job, 0.0).unwrap() };
         reach.of(&Tracer::new(&system, 0.55).unwrap(), film_mm)

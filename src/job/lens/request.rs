@@ -3,6 +3,7 @@
 //! The record is not part of the identity of a job, which has the digest of what was traced. Records of other versions of the program or of its tracer are
 //! not compared.
 
+use super::asymmetric::AsymmetricLens;
 use super::drawn::DrawnLens;
 use super::{UntracedDesign, UntracedLens};
 use crate::args::{RunArgs, TracingArgs};
@@ -34,15 +35,20 @@ impl UntracedLens {
     /// The record of a design of the job `args`; none of a pack.
     pub fn request(&self, args: &RunArgs) -> Option<Value> {
         let Self::Design(design) = self else { return None };
-        let UntracedDesign { system, drawn, .. } = &**design;
+        let UntracedDesign { system, asymmetric, .. } = &**design;
         let mut flags = flags(args);
-        if let Some(drawn) = drawn {
-            flags.extend(drawn.flags());
-        }
+        let identity = match asymmetric {
+            Some(AsymmetricLens::Design(lens)) => lens.identity(),
+            Some(AsymmetricLens::Drawn(drawn)) => {
+                flags.extend(drawn.flags());
+                system.identity()
+            }
+            None => system.identity(),
+        };
         Some(json!({
             "program": env!("CARGO_PKG_VERSION"),
             "tracer": [TRACER_VERSION, NODES_VERSION, TAILS_VERSION],
-            "prescription": blake3::hash(system.identity().as_bytes()).to_hex().to_string(),
+            "prescription": blake3::hash(identity.as_bytes()).to_hex().to_string(),
             "energy": args.tracing.energy.unwrap_or(default_energy()),
             "max_window_px": args.tracing.max_window_px,
             "flags": flags,

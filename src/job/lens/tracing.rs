@@ -10,8 +10,8 @@
 
 use super::attributes::attributes;
 use super::blur::{check_blur, margin_mm};
-use super::built::BuiltBands;
 use super::energy::{self, MissedEnergy};
+use super::planar::PlanarLens;
 use super::reach::{BandReach, Reach};
 use super::traced::Traced;
 use super::tracing_job::{TracingJob, trace_options};
@@ -40,6 +40,8 @@ const WIDE_WINDOW_PX: usize = 201;
 const MAX_PSF_BYTES: usize = 32_000_000;
 /// Reach of a band over one whose map does not cover the film.
 const WIDER: f64 = 1.02;
+/// Margin about the corner of the film of a design without symmetry that is tried first, mm: half a window of 70 pixels of 2 µm, along the diagonal.
+const FIRST_MARGIN_MM: f64 = 0.1;
 /// Height of the film's corner over that of the outermost field point, from which a note is printed.
 const BEYOND_FIELD: f64 = 1.05;
 
@@ -85,12 +87,18 @@ fn note_focus(job: &TracingJob<'_>, options: &TraceOptions) -> Result<()> {
 /// Traces the bands of `job` at `wavelengths_nm`, or reads them from the cache.
 pub(super) fn trace(job: &TracingJob<'_>, wavelengths_nm: &[f64], threads: usize) -> Result<Traced> {
     let (system, name) = (job.system, job.name);
-    note_field(system, name, job.frame)?;
+    let is_asymmetric_design = job.asymmetric.is_some_and(|lens| lens.design().is_some());
+    if !is_asymmetric_design {
+        note_field(system, name, job.frame)?;
+    }
     let at_primary = trace_options(system.primary_um() * 1e3, 1.0, job);
     if let Some(depth) = &job.depth {
         check_blur(job, depth, &at_primary)?;
     }
-    let reach = Reach::new(job, margin_mm(job, &at_primary)?)?;
+    let reach = match is_asymmetric_design {
+        true => None,
+        false => Some(Reach::new(job, margin_mm(job, &at_primary)?)?),
+    };
     let mut nm: Vec<f64> = wavelengths_nm.iter().copied().map(rounded_nm).collect();
     nm.sort_by(f64::total_cmp);
     nm.dedup();
@@ -100,7 +108,7 @@ pub(super) fn trace(job: &TracingJob<'_>, wavelengths_nm: &[f64], threads: usize
         reach,
         cache: Cache::open()?,
         shared: SharedNodes::default(),
-        built: job.drawn.map(|drawn| BuiltBands::new(job, drawn, threads)).transpose()?,
+        planar: job.asymmetric.map(|lens| PlanarLens::new(job, lens, threads)).transpose()?,
         threads,
         bar: TracingBar::new(nm.len()),
         traced: 0,
@@ -135,7 +143,7 @@ pub(super) fn trace(job: &TracingJob<'_>, wavelengths_nm: &[f64], threads: usize
     }
     tracer.bar.finish();
     let (mut notes, mut details) = (Vec::new(), Vec::new());
-    notes.extend(tracer.built.iter().flat_map(BuiltBands::notes).cloned());
+    notes.extend(tracer.planar.iter().flat_map(PlanarLens::notes).cloned());
     if design::is_builtin(name) { &mut details } else { &mut notes }.extend(system.notes.iter().cloned());
     if tracer.traced > 0 {
         details.push(format!(
@@ -227,11 +235,12 @@ pub fn without_flags(name: &str, error: anyhow::Error) -> anyhow::Error {
 /// Traces bands, or reads them from the cache.
 pub(super) struct BandTracer<'a> {
     pub(super) job: TracingJob<'a>,
-    reach: Reach<'a>,
+    /// Steps of its reach; none of a design without symmetry, which is traced over each film.
+    reach: Option<Reach<'a>>,
     pub(super) cache: Cache,
     pub(super) shared: SharedNodes,
-    /// The lens as built, if it has manufacturing errors.
-    pub(super) built: Option<BuiltBands>,
+    /// The lens without rotational symmetry, if it has none.
+    pub(super) planar: Option<PlanarLens<'a>>,
     pub(super) threads: usize,
     pub(super) bar: TracingBar,
     /// Number of bands that were not in the cache.
@@ -244,9 +253,10 @@ impl BandTracer<'_> {
     /// Band at `nm` whose reach covers the film and the band's window.
     fn covering_film(&mut self, nm: f64) -> Result<(String, LensPack)> {
         let job = self.job;
-        let chief_rays = Tracer::new(job.system, nm / 1e3)?;
         let corner_mm = job.frame.farthest_mm(job.frame.film.rect());
-        let reaches = self.reach.of(&chief_rays, corner_mm);
+        let Some(steps) = &self.reach else { return self.over_film(nm, corner_mm) };
+        let chief_rays = Tracer::new(job.system, nm / 1e3)?;
+        let reaches = steps.of(&chief_rays, corner_mm);
         let (last, others) = reaches.split_last().context("a band has a reach")?;
         for reach in others {
             match self.covering_window(nm, &chief_rays, *reach) {
@@ -264,6 +274,25 @@ impl BandTracer<'_> {
             )),
             _ => e,
         })
+    }
+
+    /// Band of a design without symmetry at `nm`, over the film and half its window.
+    fn over_film(&mut self, nm: f64, corner_mm: f64) -> Result<(String, LensPack)> {
+        let job = self.job;
+        let mut margin_mm = FIRST_MARGIN_MM;
+        loop {
+            let (recipe, pack) =
+                self.band(&trace_options(nm, BandReach::up_to(corner_mm + margin_mm).reach_mm, &job))?;
+            match job.plan(pack.lens(), nm) {
+                Err(LensError::OutsideMap { .. }) if margin_mm < corner_mm + FIRST_MARGIN_MM => {
+                    let band = &pack.lens().bands[0];
+                    let half_mm = 0.5e-3 * band.psf_size as f64 * band.psf_pitch_um;
+                    margin_mm = (WIDER * std::f64::consts::SQRT_2 * half_mm).max(1.5 * margin_mm);
+                }
+                // Other errors are reported when the job plans its bands.
+                _ => return Ok((recipe, pack)),
+            }
+        }
     }
 
     /// Band at `nm` up to `reach`, or up to the wider reach that its window needs.
@@ -285,14 +314,16 @@ impl BandTracer<'_> {
                 }
                 band => band?,
             };
-            let wider =
-                self.reach.wider(chief_rays, reach, &pack).or_else(|| match job.plan(pack.lens(), nm) {
+            let steps = self.reach.as_ref();
+            let wider = steps.and_then(|steps| steps.wider(chief_rays, reach, &pack)).or_else(|| {
+                match job.plan(pack.lens(), nm) {
                     // E.g. film pixels much larger than those of the trace.
                     Err(LensError::Outside { needed_mm, .. }) => Some(BandReach::up_to(needed_mm)),
                     Err(LensError::OutsideMap { .. }) => Some(BandReach::up_to(WIDER * reach.reach_mm)),
                     // Other errors are reported when the job plans its bands.
                     _ => None,
-                });
+                }
+            });
             match wider {
                 Some(wider) if wider.reach_mm > reach.reach_mm => reach = wider,
                 _ => return Ok((recipe, pack)),
@@ -309,8 +340,8 @@ impl BandTracer<'_> {
         if let Some(depth) = &depth {
             return self.depth_band(options, depth, &with);
         }
-        if self.built.is_some() {
-            return self.built_band(options, &with);
+        if self.planar.is_some() {
+            return self.planar_band(options, &with);
         }
         let range = self.job.bands.map(|bands| bands.of(nm)).transpose()?;
         let tails = self.job.has_tails();

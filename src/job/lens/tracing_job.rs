@@ -3,8 +3,8 @@
 //! The *trace pitch* is the film's pitch rounded down to ten steps per decade and at most 50 µm: larger pixels only average over more. Coarser
 //! pixels need fewer nodes and admit wider PSFs.
 
+use super::asymmetric::AsymmetricLens;
 use super::band_widths::BandWidths;
-use super::drawn::DrawnLens;
 use crate::args::TracingArgs;
 use pipeline::band::{BandPlan, Options};
 use pipeline::depth::plan::Surfaces;
@@ -49,15 +49,15 @@ pub(super) struct TracingJob<'a> {
     pub(super) depth: Option<TracedFor<'a>>,
     /// Widths of the bands; none if a band is one wavelength.
     pub(super) bands: Option<&'a BandWidths>,
-    /// The lens as built, if it has manufacturing errors.
-    pub(super) drawn: Option<&'a DrawnLens>,
+    /// The lens that is traced, if it has no rotational symmetry.
+    pub(super) asymmetric: Option<&'a AsymmetricLens>,
 }
 
 impl TracingJob<'_> {
     /// Whether its bands have tails.
     pub(super) fn has_tails(&self) -> bool {
         let has_psfs = self.options.stages.has(Stage::Svpsf);
-        self.drawn.is_none()
+        self.asymmetric.is_none()
             && self.tracing.is_some_and(|tracing| tracing.admits_tails(has_psfs, self.depth.is_some()))
     }
 

@@ -12,6 +12,12 @@ pub enum DesignError {
         /// What is missing or impossible.
         problem: String,
     },
+    /// A design without rotational symmetry where symmetry is needed.
+    #[error(
+        "the design has tilted, decentred or freeform surfaces, and this needs a lens with rotational symmetry; `lenscube run`, `plan` and \
+         `lens trace` take such a design"
+    )]
+    Asymmetric,
     /// A glass that is in no catalogue.
     #[error("no glass `{name}` in the catalogues{}; give its catalogue (`--glass-catalog FILE.agf`)", nearest_words(.nearest))]
     UnknownGlass {

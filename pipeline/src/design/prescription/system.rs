@@ -171,6 +171,12 @@ pub struct System {
 }
 
 impl System {
+    /// The straightened lens of a design without rotational symmetry, else the design itself.
+    #[must_use]
+    pub fn straightened(&self) -> Self {
+        Self { asymmetry: None, ..self.clone() }
+    }
+
     /// Primary wavelength, µm.
     pub fn primary_um(&self) -> f64 {
         self.wavelengths_um[self.primary].0

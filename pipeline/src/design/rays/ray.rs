@@ -110,8 +110,11 @@ impl<'a> Tracer<'a> {
     /// Prepares `system` for rays of `um`.
     ///
     /// # Errors
-    /// [`DesignError::Wavelength`] of a glass, or no first-order properties.
+    /// [`DesignError::Wavelength`] of a glass, no first-order properties, or no rotational symmetry.
     pub fn new(system: &'a System, um: f64) -> Result<Self, DesignError> {
+        if system.asymmetry.is_some() {
+            return Err(DesignError::Asymmetric);
+        }
         let primary = Paraxial::new(system, system.primary_um())?;
         let mut tracer = Self {
             system,

@@ -150,8 +150,12 @@ impl SkewTracer<'_> {
         Err(nowhere(ends(size(miss(&chief)))))
     }
 
-    /// The field that the nominal lens images to `film_mm`, or its farthest one in that direction.
+    /// The field that the nominal lens images to `film_mm`, or its farthest one in that direction; of an asymmetric design that of the
+    /// ideal plane.
     fn nominal_field_of(&self, [x, y]: [f64; 2]) -> [f64; 2] {
+        if self.lens.is_asymmetric_design() {
+            return self.slopes_of_ideal([x, y]);
+        }
         let r = real::hypot(x, y);
         if r == 0.0 {
             return [0.0; 2];

@@ -21,7 +21,7 @@ pub enum SkewError {
     },
     /// A part of the design that lenses without symmetry do not have.
     #[error(
-        "surface {surface} has {part}, which is not supported in lenses with tolerances; remove it or trace the nominal lens"
+        "surface {surface} has {part}, which is not supported in lenses without rotational symmetry; remove it, or trace the lens without tolerances"
     )]
     Unsupported {
         /// Number of the surface, from 1.

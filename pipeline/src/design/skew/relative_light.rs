@@ -51,8 +51,11 @@ pub(super) struct NominalLight {
 }
 
 impl NominalLight {
-    /// Up to the slope `last`; 1 where the nominal lens has no light up to there.
+    /// Up to the slope `last`; 1 where the nominal lens has no light up to there, and for a design that is asymmetric.
     pub(super) fn new(tracer: &SkewTracer<'_>, last: f64) -> Self {
+        if tracer.lens().is_asymmetric_design() {
+            return Self { step: 1.0, table: Vec::new(), rims: Vec::new() };
+        }
         let nominal = &tracer.nominal;
         let step = last / INTERVALS as f64;
         let tans: Vec<f64> = (0..=INTERVALS).map(|i| step * i as f64).collect();

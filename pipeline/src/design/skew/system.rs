@@ -1,4 +1,5 @@
-//! A built lens: the nominal design, the place of each surface as built, and the changes of surfaces and glasses.
+//! A built lens: the nominal design, the place of each surface as built, and the changes of surfaces and glasses. Or a lens that has no
+//! rotational symmetry by design, with the places and shapes of its design file; its nominal lens is then the straightened one.
 //!
 //! ```text
 //! W' = G₁ G₂ … W        G = P · pose · P⁻¹        W, P nominal poses of a surface and of a pivot in the lens frame
@@ -15,10 +16,13 @@
 
 use super::deviation::{Deviation, Pivot, ShapeChange};
 use super::error::SkewError;
+use super::ideal_plane::IdealPlane;
+use crate::design::prescription::asymmetry::{Asymmetry, FreeSurface, Outline};
 use crate::design::prescription::error::DesignError;
 use crate::design::prescription::freeform::SkewShape;
 use crate::design::prescription::pose::{Matrix, Pose, Vector, product, times, transpose};
-use crate::design::prescription::system::System;
+use crate::design::prescription::system::{RayAiming, Surface, System};
+use crate::design::rays::paraxial::Paraxial;
 use crate::design::rays::scalar::Scalar;
 use crate::design::rays::surface::Ray;
 
@@ -28,6 +32,8 @@ pub struct BuiltLens {
     nominal: System,
     deviations: Vec<Deviation>,
     surfaces: Vec<BuiltSurface>,
+    /// What makes it asymmetric by design; its ideal plane is then that of its own rays.
+    design: Option<(Asymmetry, IdealPlane)>,
 }
 
 /// A surface as built, with what lies between it and the surface before.
@@ -36,6 +42,10 @@ pub(super) struct BuiltSurface {
     pub(super) shape: SkewShape,
     pub(super) pose: Pose,
     pub(super) arrival: Arrival,
+    /// Whether it is a frame alone, which no ray meets.
+    pub(super) is_frame: bool,
+    pub(super) aperture: Option<Outline>,
+    pub(super) obscuration: Option<Outline>,
     glass: GlassChange,
 }
 
@@ -78,22 +88,58 @@ impl BuiltLens {
     /// A design that [`System::check`] rejects or with coatings or ideal lenses; surfaces that do not exist; numbers that are not
     /// finite.
     pub fn new(nominal: &System, deviations: &[Deviation]) -> Result<Self, SkewError> {
-        nominal.check()?;
-        for (i, s) in nominal.surfaces.iter().enumerate() {
-            let unsupported = |part| Err(SkewError::Unsupported { surface: i + 1, part });
-            if s.coating.is_some() {
-                return unsupported("a coating");
-            }
-            if s.ideal_focal_mm.is_some() {
-                return unsupported("an ideal lens");
-            }
+        if nominal.asymmetry.is_some() {
+            return Err(DesignError::Asymmetric.into());
         }
+        check_parts(nominal)?;
         let mut building = Building::new(nominal);
         // The innermost first: outer motions are multiplied from the left.
         for deviation in deviations.iter().rev() {
             building.add(deviation)?;
         }
-        Ok(Self { nominal: nominal.clone(), deviations: deviations.to_vec(), surfaces: building.surfaces() })
+        let surfaces = building.surfaces();
+        Ok(Self { nominal: nominal.clone(), deviations: deviations.to_vec(), surfaces, design: None })
+    }
+
+    /// The lens of a design without rotational symmetry. Its rays are aimed at the stop, except in a telecentric object space.
+    ///
+    /// # Errors
+    /// A design that [`System::check`] rejects, that has rotational symmetry, coatings or ideal lenses, or whose film no chief ray
+    /// reaches.
+    pub fn of_design(design: &System) -> Result<Self, SkewError> {
+        let Some(asymmetry) = &design.asymmetry else {
+            return rejected(
+                "the design".to_owned(),
+                "has rotational symmetry; expected tilted or freeform surfaces",
+            );
+        };
+        check_parts(design)?;
+        let aiming = if design.is_telecentric { RayAiming::Paraxial } else { RayAiming::Real };
+        let nominal = System { aiming, ..design.straightened() };
+        let surfaces = surfaces_of(&nominal, &asymmetry.surfaces);
+        let mut lens = Self { nominal, deviations: Vec::new(), surfaces, design: None };
+        let straight = IdealPlane::straight(&Paraxial::new(&lens.nominal, lens.nominal.primary_um())?);
+        lens.design = Some((asymmetry.clone(), straight));
+        let own = IdealPlane::of_rays(&lens)?;
+        lens.design = Some((asymmetry.clone(), own));
+        Ok(lens)
+    }
+
+    /// Whether it has no rotational symmetry by design.
+    pub fn is_asymmetric_design(&self) -> bool {
+        self.design.is_some()
+    }
+
+    /// Its ideal plane, if that is its own and not that of the nominal lens.
+    pub(super) fn ideal_plane(&self) -> Option<&IdealPlane> {
+        self.design.as_ref().map(|(_, ideal)| ideal)
+    }
+
+    /// Text of everything that determines its tables, for digests.
+    pub fn identity(&self) -> String {
+        let asymmetry = self.design.iter().map(|(asymmetry, _)| format!("\n{asymmetry:?}"));
+        let text = format!("{}\n{:?}", self.nominal.identity(), self.deviations);
+        asymmetry.fold(text, |text, part| text + &part)
     }
 
     /// This lens with further deviations, inside those that it has.
@@ -298,7 +344,7 @@ impl<'a> Building<'a> {
                 true => Arrival::Straight(gap_mm),
                 false => {
                     let from = if i == 0 { Pose::IDENTITY } else { place(i - 1) };
-                    between(&from, &place(i), self.axis[i].1)
+                    between((&from, self.axis[i].1), (&place(i), self.axis[i].1))
                 }
             }
         };
@@ -307,26 +353,65 @@ impl<'a> Building<'a> {
             shape: shape.clone(),
             pose: place(i),
             arrival: arrival(i),
+            is_frame: false,
+            aperture: self.nominal.surfaces[i].aperture_mm.map(Outline::disc),
+            obscuration: self.nominal.surfaces[i].obscuration_mm.map(Outline::disc),
             glass: *glass,
         };
         all.map(surface).collect()
     }
 }
 
-/// From the frame at `from` to that at `to`, z of both along the light, which goes along `direction` = ±1 of z.
-fn between(from: &Pose, to: &Pose, direction: f64) -> Arrival {
+/// From the frame at one pose to that at another, z of both along the light, which goes along ±1 of the z of each pose.
+fn between((from, along_from): (&Pose, f64), (to, along_to): (&Pose, f64)) -> Arrival {
     let back = transpose(&to.rotation);
     let shift = std::array::from_fn(|i| from.origin_mm[i] - to.origin_mm[i]);
     let (mut matrix, mut shift) = (product(&back, &from.rotation), times(&back, shift));
-    if direction < 0.0 {
-        for (i, row) in matrix.iter_mut().enumerate() {
-            for (j, v) in row.iter_mut().enumerate() {
-                *v = if (i == 2) != (j == 2) { -*v } else { *v };
-            }
-        }
-        shift[2] = -shift[2];
+    let negate = |v: &mut f64| *v = -*v;
+    if along_from < 0.0 {
+        matrix.iter_mut().for_each(|row| negate(&mut row[2]));
+    }
+    if along_to < 0.0 {
+        matrix[2].iter_mut().for_each(negate);
+        negate(&mut shift[2]);
     }
     Arrival::Skew(matrix, shift)
+}
+
+/// The surfaces of a design without symmetry, with their places before the light and behind mirrors.
+fn surfaces_of(straight: &System, free: &[FreeSurface]) -> Vec<BuiltSurface> {
+    let along = |is_reversed: bool| if is_reversed { -1.0 } else { 1.0 };
+    let mut behind = (Pose::IDENTITY, 1.0);
+    let surface = |(s, free): (&Surface, &FreeSurface)| {
+        let here = (free.pose, along(free.is_reversed));
+        let arrival = between((&behind.0, behind.1), (&here.0, here.1));
+        behind = (here.0, along(free.is_reversed != s.is_mirror));
+        BuiltSurface {
+            shape: free.shape.clone(),
+            pose: free.pose,
+            arrival,
+            is_frame: free.is_frame,
+            aperture: free.aperture,
+            obscuration: free.obscuration,
+            glass: GlassChange::default(),
+        }
+    };
+    straight.surfaces.iter().zip(free).map(surface).collect()
+}
+
+/// Checks a design, and that it has no part that is not supported here.
+fn check_parts(design: &System) -> Result<(), SkewError> {
+    design.check()?;
+    for (i, s) in design.surfaces.iter().enumerate() {
+        let unsupported = |part| Err(SkewError::Unsupported { surface: i + 1, part });
+        if s.coating.is_some() {
+            return unsupported("a coating");
+        }
+        if s.ideal_focal_mm.is_some() {
+            return unsupported("an ideal lens");
+        }
+    }
+    Ok(())
 }
 
 fn rejected<T>(what: String, problem: &str) -> Result<T, SkewError> {

@@ -23,7 +23,7 @@ use super::error::SkewError;
 use super::map::FilmRange;
 use super::system::BuiltLens;
 use super::trace::SkewTracer;
-use super::trace_map::{TracedMap, trace_map};
+use super::trace_map::trace_map;
 use crate::bounds::PSF_ENERGY;
 use crate::design::prescription::error::DesignError;
 use crate::design::psf::pupil_stack::{PupilStack, normalise};
@@ -32,7 +32,7 @@ use crate::design::tables::trace::{
     BandReport, LensTrace, OnProgress, Progress, TraceOptions, TracedBand, pitch_below,
 };
 use crate::design::tables::window::{Windows, core_samples, half_samples, search};
-use crate::lens::planar::{PlanarBand, PlanarMap, PsfPlaces};
+use crate::lens::planar::{PlanarBand, PsfPlaces};
 use crate::lens::{Lens, LensBand, PsfSample, PsfStack};
 use functions::Functions;
 use kernels::Views;
@@ -139,7 +139,7 @@ impl<'a> SkewTrace<'a> {
             solid_angle_sr: traced.solid_angle_sr,
             transmission: 1.0,
             tail: None,
-            planar: Some(PlanarBand { map: planar_map(&traced), psfs: PsfPlaces::Polar { azimuth_samples } }),
+            planar: Some(PlanarBand { map: traced.planar(), psfs: PsfPlaces::Polar { azimuth_samples } }),
         };
         Ok(TracedBand { tables, psf, pupils, report })
     }
@@ -202,18 +202,6 @@ fn rows(heights: &[f64], azimuth_samples: &[usize]) -> Vec<(f64, f64)> {
         (0..count).map(move |a| (h, TAU * a as f64 / count as f64))
     };
     heights.iter().zip(azimuth_samples).flat_map(places).collect()
-}
-
-fn planar_map(traced: &TracedMap) -> PlanarMap {
-    let [nx, ny] = traced.map.counts();
-    let [ideal_x_mm, ideal_y_mm, relative_illumination] = traced.map.values().clone();
-    PlanarMap {
-        x_mm: (0..nx).map(|i| traced.map.place([i, 0])[0]).collect(),
-        y_mm: (0..ny).map(|j| traced.map.place([0, j])[1]).collect(),
-        ideal_x_mm,
-        ideal_y_mm,
-        relative_illumination,
-    }
 }
 
 /// The PSFs at `places`, each of sum 1, and their shares of energy in the window.

@@ -11,14 +11,16 @@
 //! frame of the film, which is tilted with it. Direction cosines L, M alike. For a lens without deviations X = r cos φ, Y = −r
 //! sin φ of the symmetric tracer's height r. The sign is applied here and nowhere else.
 //!
-//! Clipping: r²/a² − 1 in the frame of each surface with an aperture (maximum) or an obscuration (minimum), as in
-//! [`crate::design::rays::ray`]. Flux through dp dq: d(x, y) in the pupil plane for an object at infinity, d(L, M) at the object
+//! Clipping: [`Outline::level`] (of a disc r²/a² − 1) in the frame of each surface with an aperture (maximum) or an obscuration
+//! (minimum), as in [`crate::design::rays::ray`]. Flux through dp dq: d(x, y) in the pupil plane for an object at infinity, d(L, M) at the object
 //! for a finite one. Left out: coatings, absorption, ghosts.
 
 use std::sync::OnceLock;
 
 use super::aim::Chiefs;
+use super::ideal_plane::IdealPlane;
 use super::system::BuiltLens;
+use crate::design::prescription::asymmetry::Outline;
 use crate::design::prescription::error::DesignError;
 use crate::design::prescription::system::{RayAiming, System};
 use crate::design::rays::paraxial::Paraxial;
@@ -37,6 +39,7 @@ pub struct SkewTracer<'a> {
     pub(super) nominal: Tracer<'a>,
     indices: Vec<f64>,
     stop_sign: f64,
+    ideal: IdealPlane,
     pub(super) chiefs: OnceLock<Chiefs>,
     /// First-order properties of the NOMINAL lens at the primary wavelength.
     pub primary: Paraxial,
@@ -75,6 +78,7 @@ impl<'a> SkewTracer<'a> {
             lens,
             indices: lens.indices(um)?,
             stop_sign: at_stop.map_or(1.0, f64::signum),
+            ideal: lens.ideal_plane().copied().unwrap_or_else(|| IdealPlane::straight(&nominal.primary)),
             chiefs: OnceLock::new(),
             primary: nominal.primary.clone(),
             wavelength_um: um,
@@ -91,33 +95,33 @@ impl<'a> SkewTracer<'a> {
         self.lens.nominal()
     }
 
-    /// Distortion focal length of the nominal lens at the primary wavelength times the orientation O: negative for an inverted
-    /// image. The ideal point of the field of slopes t is this times (tx, −ty).
-    pub fn ideal_scale_mm(&self) -> f64 {
-        self.primary.distortion_focal_length_mm
+    /// Focal length f of the ideal plane, mm: of the nominal lens at the primary wavelength, or of an asymmetric design.
+    pub fn ideal_focal_mm(&self) -> f64 {
+        self.ideal.focal_mm()
     }
 
     /// The ideal point of the field of slopes `t` in the film frame, mm.
-    pub fn ideal_point_mm(&self, [tx, ty]: [f64; 2]) -> [f64; 2] {
-        [self.ideal_scale_mm() * tx, -self.ideal_scale_mm() * ty]
+    pub fn ideal_point_mm(&self, t: [f64; 2]) -> [f64; 2] {
+        self.ideal.point_mm(t)
     }
 
     /// The slopes of the field with the ideal point `ideal_mm`.
-    pub fn slopes_of_ideal(&self, [x, y]: [f64; 2]) -> [f64; 2] {
-        [x / self.ideal_scale_mm(), -y / self.ideal_scale_mm()]
+    pub fn slopes_of_ideal(&self, ideal_mm: [f64; 2]) -> [f64; 2] {
+        self.ideal.slopes(ideal_mm)
     }
 
     /// Whether any surface can clip light.
     pub fn has_apertures(&self) -> bool {
-        self.nominal.has_apertures()
+        self.lens.surfaces().iter().any(|s| s.aperture.is_some())
     }
 
-    /// Whether any surface has a central obscuration.
+    /// Whether any surface has an obscuration.
     pub fn has_obscurations(&self) -> bool {
-        self.nominal.has_obscurations()
+        self.lens.surfaces().iter().any(|s| s.obscuration.is_some())
     }
 
-    /// Number of surfaces; surfaces of obscurations are counted from here.
+    /// Number of surfaces. The rims of a surface's aperture have its index, those of its obscuration the index counted from here;
+    /// the sides along y of rectangles are counted from twice this.
     pub fn surface_count(&self) -> usize {
         self.system().surfaces.len()
     }
@@ -164,6 +168,9 @@ impl<'a> SkewTracer<'a> {
         for (i, built) in self.lens.surfaces().iter().enumerate().take(last + 1) {
             let lost = |why| Lost { surface: i, why };
             built.arrival.apply(&mut ray);
+            if built.is_frame {
+                continue;
+            }
             built.shape.meet(&mut ray, self.indices[i]).map_err(lost)?;
             visit(i, &ray);
             if i == last {
@@ -188,7 +195,8 @@ impl<'a> SkewTracer<'a> {
 
     /// The error of a ray.
     pub fn ray_error(&self, [tx, ty]: [f64; 2], p: f64, q: f64, problem: &str) -> DesignError {
-        let problem = format!("of slopes ({tx:.4}, {ty:.4}) {problem} of the lens with tolerances");
+        let lens = if self.lens.is_asymmetric_design() { "the design" } else { "the lens with tolerances" };
+        let problem = format!("of slopes ({tx:.4}, {ty:.4}) {problem} of {lens}");
         self.nominal.ray_error(real::hypot(tx, ty), p, q, problem)
     }
 
@@ -230,13 +238,16 @@ impl<'a> SkewTracer<'a> {
     }
 
     fn clip_at<T: Scalar>(&self, clip: &mut SkewClip, i: usize, ray: &Ray<T>) {
-        let s = &self.system().surfaces[i];
+        let s = &self.lens.surfaces()[i];
         let (x, y) = (ray.p[0].value(), ray.p[1].value());
-        let place = |a: f64| ((x * x + y * y) / (a * a) - 1.0, i);
-        if let Some(over) = s.aperture_mm.map(place).filter(|o| o.0 > clip.over.0) {
+        let place = |outline: Outline| {
+            let (level, is_along_y) = outline.level(x, y);
+            (level, if is_along_y { i + 2 * self.surface_count() } else { i })
+        };
+        if let Some(over) = s.aperture.map(place).filter(|o| o.0 > clip.over.0) {
             clip.over = over;
         }
-        if let Some(hidden) = s.obscuration_mm.map(place).filter(|h| h.0 < clip.hidden.0) {
+        if let Some(hidden) = s.obscuration.map(place).filter(|h| h.0 < clip.hidden.0) {
             clip.hidden = hidden;
         }
     }

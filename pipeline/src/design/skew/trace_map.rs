@@ -15,6 +15,7 @@ use super::map::{FilmMap, FilmRange};
 use super::relative_light::{Check, RelativeLight};
 use super::system::BuiltLens;
 use super::trace::SkewTracer;
+use crate::lens::planar::PlanarMap;
 
 /// Samples along a side that are tried.
 const SIDES: [usize; 5] = [17, 33, 65, 129, 257];
@@ -40,6 +41,21 @@ pub struct TracedMap {
     pub illumination_error_at_rims: f64,
 }
 
+impl TracedMap {
+    /// As the tables of a band have it.
+    pub(super) fn planar(&self) -> PlanarMap {
+        let [nx, ny] = self.map.counts();
+        let [ideal_x_mm, ideal_y_mm, relative_illumination] = self.map.values().clone();
+        PlanarMap {
+            x_mm: (0..nx).map(|i| self.map.place([i, 0])[0]).collect(),
+            y_mm: (0..ny).map(|j| self.map.place([0, j])[1]).collect(),
+            ideal_x_mm,
+            ideal_y_mm,
+            relative_illumination,
+        }
+    }
+}
+
 /// Traces the map of `range` of the film, with I accurate to `tolerance_mm` (1e-4 of the film's pixel pitch).
 ///
 /// # Errors
@@ -51,7 +67,7 @@ pub fn trace_map(
 ) -> Result<TracedMap, SkewError> {
     let slope_per_step = |side: usize| {
         let sides = [range.x_mm, range.y_mm].map(|[a, b]| (b - a) / (side - 1) as f64);
-        sides[0].max(sides[1]) / tracer.ideal_scale_mm().abs()
+        sides[0].max(sides[1]) / tracer.ideal_focal_mm()
     };
     let finest = STEPS_AT_RIMS * slope_per_step(SIDES[SIDES.len() - 1]);
     let (light, checks) = RelativeLight::new(tracer, range, 0.5 * ILLUMINATION, finest)?;

@@ -138,6 +138,14 @@ impl<'a> LensTrace<'a> {
         Ok(Self { system, options, primary, tails: false, band: None })
     }
 
+    /// Checks options that do not depend on a lens.
+    ///
+    /// # Errors
+    /// [`DesignError::Option`].
+    pub fn check_options(options: &TraceOptions) -> Result<(), DesignError> {
+        options.check()
+    }
+
     /// With the tails of PSFs beyond their windows, if `tails`: nodes are the same, windows those of before or larger.
     #[must_use]
     pub fn with_tails(self, tails: bool) -> Self {

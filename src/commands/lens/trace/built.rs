@@ -1,4 +1,4 @@
-//! `lenscube lens trace --tolerances`: traces the lens as built into a pack without rotational symmetry.
+//! `lenscube lens trace` of a lens without rotational symmetry: as built (`--tolerances`), or by design.
 
 use super::writer::write_beside;
 use super::{band_line, create_pack, summary};
@@ -9,14 +9,20 @@ use crate::job::lens::built::{map_range, recorded};
 use crate::job::lens::drawn::DrawnLens;
 use crate::progress::{TracingBar, log_line, number};
 use anyhow::{Context, Result};
-use formats::lens::LensPackWriter;
+use formats::lens::{LensPackWriter, PackAttributes, ReferencePoint};
 use pipeline::design::DesignError;
 use pipeline::design::skew::error::SkewError;
+use pipeline::design::skew::grid::GridTrace;
+use pipeline::design::skew::system::BuiltLens;
 use pipeline::design::skew::tables::{NominalNodes, SkewTrace};
-use pipeline::design::trace::{BandReport, Progress, TraceOptions};
+use pipeline::design::trace::{BandReport, OnProgress, Progress, TraceOptions, TracedBand};
+use pipeline::lens::Lens;
 use pipeline::real;
 use std::f64::consts::FRAC_1_SQRT_2;
 use std::time::Instant;
+
+/// Margin about the corner of a film, mm: half a window of 177 pixels of 2 µm, along the diagonal.
+const MARGIN_MM: f64 = 0.25;
 
 /// Half the sides of the film of `args` (X, Y), mm; without one, of the square within the largest height.
 fn half_film_mm(args: &TraceArgs, options: &TraceOptions) -> Result<[f64; 2]> {
@@ -32,49 +38,134 @@ fn half_film_mm(args: &TraceArgs, options: &TraceOptions) -> Result<[f64; 2]> {
     }
 }
 
-/// Traces the pack.
+/// Largest height without `--max-height-mm` of a design without rotational symmetry, mm: the corner of its film and half a window beyond.
+///
+/// # Errors
+/// Usage: no film either.
+pub fn max_height_mm(args: &TraceArgs) -> Result<f64> {
+    let Some(size) = args.film_size else {
+        return Err(usage(format!(
+            "{} has no rotational symmetry: give the film that it is traced for, --film-size WxH (with --film-pitch-um), or --max-height-mm MM for a square",
+            args.design
+        )));
+    };
+    let half = [size.width, size.height].map(|px| 0.5 * px as f64 * args.film_pitch_um * 1e-3);
+    Ok(real::hypot(half[0], half[1]) + MARGIN_MM)
+}
+
+/// Traces the pack of a lens as built.
 ///
 /// # Errors
 /// Flags that such packs do not have; a lens that cannot be traced over the film.
 pub fn trace(args: &TraceArgs, drawn: &DrawnLens, options: &TraceOptions, start: Instant) -> Result<()> {
-    if args.depths_m.is_some() {
-        return Err(usage("--depths-m: expected a lens with rotational symmetry, not one with --tolerances"));
-    }
+    check_flat(args)?;
     let half_mm = half_film_mm(args, options)?;
     let pack = create_pack(&args.out, |out| LensPackWriter::create_planar(out))?;
     let bar = TracingBar::new(options.wavelengths_nm.len());
     bar.step("focus of the lens as built".to_owned());
     let adjusted = drawn.compensated(real::hypot(half_mm[0], half_mm[1]))?;
-    adjusted.notes.iter().for_each(|note| log_line(format!("note: {note}")));
-    let range = map_range(half_mm, options.max_height_mm);
-    let mut reports: Vec<BandReport> = Vec::new();
-    let stored = args.store.unwrap_or(Store::Psfs);
-    let result = write_beside(pack, stored, |write| {
-        let trace = SkewTrace::new(&adjusted.lens, options, range)?;
-        let (mut lens, mut nodes) = (trace.header()?, NominalNodes::default());
-        for (index, nm) in options.wavelengths_nm.iter().enumerate() {
-            let mut progress = |p: Progress| {
-                bar.set_bands(p.band);
-                bar.step(format!("{} nm: {} ({} PSFs)", number(*nm), p.step, p.psfs));
-            };
-            let band = trace.band(index, &mut nodes, &mut progress)?;
-            bar.suspend(|| log_line(band_line(&band)));
-            reports.push(band.report);
-            lens.bands.push(band.tables.clone());
-            let failed =
-                |e: super::writer::Stopped| DesignError::Sink { wavelength_nm: *nm, problem: e.to_string() };
-            write(index, band).map_err(failed)?;
-        }
-        Ok::<_, SkewError>(lens)
-    });
-    bar.finish();
-    let context = || format!("tracing lens {} of {}", drawn.draw.1, args.design);
-    let (traced, pack) = result.with_context(context)?;
-    let lens = traced.with_context(context)?;
-    let attributes = attributes(&args.design, &args.parameters, options, &reports);
-    pack.finish(&lens, &recorded(attributes, drawn.record.clone(), &adjusted))?;
-    for line in summary(&args.out, options, &reports, start.elapsed().as_secs_f64()) {
-        log_line(line);
+    adjusted.notes.iter().for_each(|note| bar.suspend(|| log_line(format!("note: {note}"))));
+    let trace = SkewTrace::new(&adjusted.lens, options, map_range(half_mm, options.max_height_mm))?;
+    let mut nodes = NominalNodes::default();
+    Planar {
+        args,
+        options,
+        pack,
+        bar,
+        what: format!("lens {} of {}", drawn.draw.1, args.design),
+        header: trace.header()?,
+        band: &mut |index, progress| trace.band(index, &mut nodes, progress),
+        record: &|attributes| recorded(attributes, drawn.record.clone(), &adjusted),
     }
-    Ok(())
+    .write(start)
+}
+
+/// Traces the pack of `lens`, which has no rotational symmetry by design.
+///
+/// # Errors
+/// As [`trace`].
+pub fn trace_design(
+    args: &TraceArgs,
+    lens: &BuiltLens,
+    options: &TraceOptions,
+    start: Instant,
+) -> Result<()> {
+    check_flat(args)?;
+    let half_mm = half_film_mm(args, options)?;
+    let pack = create_pack(&args.out, |out| LensPackWriter::create_planar(out))?;
+    let trace = GridTrace::new(lens, options, map_range(half_mm, options.max_height_mm))?;
+    Planar {
+        args,
+        options,
+        pack,
+        bar: TracingBar::new(options.wavelengths_nm.len()),
+        what: args.design.clone(),
+        header: trace.header()?,
+        band: &mut |index, progress| trace.band(index, progress),
+        record: &|attributes| PackAttributes {
+            reference_point: Some(ReferencePoint::ChiefRay),
+            ..attributes
+        },
+    }
+    .write(start)
+}
+
+fn check_flat(args: &TraceArgs) -> Result<()> {
+    match args.depths_m {
+        None => Ok(()),
+        Some(_) => Err(usage(format!(
+            "--depths-m: expected a lens with rotational symmetry, {}{} has none",
+            args.design,
+            if args.built.tolerances.is_some() { " with --tolerances" } else { "" }
+        ))),
+    }
+}
+
+/// A pack of a lens without rotational symmetry, and how its bands are traced.
+struct Planar<'a> {
+    args: &'a TraceArgs,
+    options: &'a TraceOptions,
+    pack: LensPackWriter,
+    bar: TracingBar,
+    what: String,
+    header: Lens,
+    band: &'a mut dyn FnMut(usize, OnProgress<'_>) -> Result<TracedBand, SkewError>,
+    record: &'a dyn Fn(PackAttributes) -> PackAttributes,
+}
+
+impl Planar<'_> {
+    /// Traces the bands and writes the pack.
+    fn write(self, start: Instant) -> Result<()> {
+        let Self { args, options, pack, bar, what, header, band, record } = self;
+        let mut reports: Vec<BandReport> = Vec::new();
+        let stored = args.store.unwrap_or(Store::Psfs);
+        let result = write_beside(pack, stored, |write| {
+            let mut lens = header;
+            for (index, nm) in options.wavelengths_nm.iter().enumerate() {
+                let mut progress = |p: Progress| {
+                    bar.set_bands(p.band);
+                    bar.step(format!("{} nm: {} ({} PSFs)", number(*nm), p.step, p.psfs));
+                };
+                let band = band(index, &mut progress)?;
+                bar.suspend(|| log_line(band_line(&band)));
+                reports.push(band.report);
+                lens.bands.push(band.tables.clone());
+                let failed = |e: super::writer::Stopped| DesignError::Sink {
+                    wavelength_nm: *nm,
+                    problem: e.to_string(),
+                };
+                write(index, band).map_err(failed)?;
+            }
+            Ok::<_, SkewError>(lens)
+        });
+        bar.finish();
+        let context = || format!("tracing {what}");
+        let (traced, pack) = result.with_context(context)?;
+        let lens = traced.with_context(context)?;
+        pack.finish(&lens, &record(attributes(&args.design, &args.parameters, options, &reports)))?;
+        for line in summary(&args.out, options, &reports, start.elapsed().as_secs_f64()) {
+            log_line(line);
+        }
+        Ok(())
+    }
 }

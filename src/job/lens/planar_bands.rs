@@ -1,12 +1,10 @@
-//! Bands of a lens as built: traced over the film, or read from the cache.
+//! Bands of a lens without rotational symmetry: traced over the film, or read from the cache.
 
 use super::built::map_range;
 use super::cache;
 use super::tracing::BandTracer;
 use anyhow::Result;
 use formats::lens::{LensPack, PackAttributes, band_digest};
-use pipeline::design::skew::error::SkewError;
-use pipeline::design::skew::tables::SkewTrace;
 use pipeline::design::trace::{BandReport, Progress, TraceOptions, with_threads};
 use pipeline::geometry::Frame;
 use pipeline::lens::Lens;
@@ -25,16 +23,16 @@ fn half_mm(frame: &Frame) -> [f64; 2] {
 }
 
 impl BandTracer<'_> {
-    /// Band of the lens as built from the cache, or traced and stored there.
-    pub(super) fn built_band(
+    /// Band of a lens without rotational symmetry from the cache, or traced and stored there.
+    pub(super) fn planar_band(
         &mut self,
         options: &TraceOptions,
         with: &dyn Fn(&[BandReport]) -> PackAttributes,
     ) -> Result<(String, LensPack)> {
         let nm = options.wavelengths_nm[0];
         let range = map_range(half_mm(self.job.frame), options.max_height_mm);
-        let built = self.built.as_ref().expect("called for lenses as built");
-        let recipe = cache::built_recipe(&built.compensated.lens, options, &range);
+        let planar = self.planar.as_mut().expect("called for lenses without symmetry");
+        let recipe = cache::planar_recipe(planar.lens(), options, &range);
         if let Some(pack) = self.cache.find(&recipe, nm) {
             return Ok((recipe, pack));
         }
@@ -42,19 +40,14 @@ impl BandTracer<'_> {
             self.announce();
         }
         self.traced += 1;
-        let built = self.built.as_mut().expect("as above");
-        let lens = &built.compensated.lens;
-        let (bar, nodes) = (&self.bar, &mut built.nodes);
+        let planar = self.planar.as_mut().expect("as above");
+        let bar = &self.bar;
         let mut progress = |p: Progress| bar.step(format!("{nm} nm: {} ({} PSFs)", p.step, p.psfs));
-        let (header, band) = with_threads(self.threads, || {
-            let trace = SkewTrace::new(lens, options, range)?;
-            let band = trace.band(0, nodes, &mut progress)?;
-            Ok::<_, SkewError>((trace.header()?, band))
-        })?;
+        let (header, band) = with_threads(self.threads, || planar.trace(options, range, &mut progress))?;
         let lens = Lens { bands: vec![band.tables.clone()], ..header };
         let values = band_digest(&lens, 0, &band.psf);
         let stores_pupils = size_of_val(&band.psf.samples[..]) > MAX_PSF_BYTES;
-        let attributes = built.record(with(&[band.report]));
+        let attributes = planar.record(with(&[band.report]));
         let pack = self.cache.insert(&recipe, &mut |pack| {
             match stores_pupils {
                 true => pack.pupils(0, &band.pupils)?,

@@ -1,0 +1,182 @@
+//! From a lens without rotational symmetry by design to the tables of its bands: map of the film, and PSFs on columns and rows.
+//!
+//! Per band: the map ([`super::trace_map`]); one window that holds its share of the light at 5 × 5 film places; columns and rows, uniform in X
+//! and in Y, as many as the kernels between them need (`nodes`); the PSF of each of their places, not turned, centred on its chief ray.
+//! Solid angle: G at the film's centre. The same bits for any number of threads. First-order figures are those of the straightened
+//! lens, but the focal length of the ideal plane, which is that of the rays.
+//! Left out: tails, losses of coatings (a design that has coatings is refused), depth.
+
+mod kernels;
+mod nodes;
+
+use rayon::prelude::*;
+
+use super::error::SkewError;
+use super::map::FilmRange;
+use super::system::BuiltLens;
+use super::trace::SkewTracer;
+use super::trace_map::trace_map;
+use crate::bounds::PSF_ENERGY;
+use crate::design::prescription::error::DesignError;
+use crate::design::psf::pupil_stack::{PupilStack, normalise};
+use crate::design::psf::{PsfGrid, PsfScratch, PupilFunction};
+use crate::design::tables::trace::{
+    BandReport, LensTrace, OnProgress, Progress, TraceOptions, TracedBand, lens_header, pitch_below,
+};
+use crate::design::tables::window::{Windows, core_samples, half_samples, search};
+use crate::lens::planar::{PlanarBand, PsfPlaces};
+use crate::lens::{Lens, LensBand, PsfSample, PsfStack};
+use crate::real;
+use kernels::PlaceKernels;
+
+/// Incremented when the results for the same design and options change.
+pub const GRID_VERSION: u32 = 1;
+
+/// Places along a side at which the window is determined.
+const WINDOW_SIDE: usize = 5;
+/// Side of the window that is examined first, µm, and its least, film pixels.
+const FIRST_UM: f64 = 130.0;
+const FIRST_PX: usize = 9;
+/// Accuracy of ideal points of the map, film pixels.
+const MAP_TOLERANCE_PX: f64 = 1e-4;
+/// Maximum samples of the PSFs of a band: 1 GiB in f32.
+const MAX_SAMPLES: usize = 1 << 28;
+
+/// Trace of a lens without rotational symmetry by design.
+#[derive(Debug)]
+pub struct GridTrace<'a> {
+    lens: &'a BuiltLens,
+    options: &'a TraceOptions,
+    film: FilmRange,
+}
+
+impl<'a> GridTrace<'a> {
+    /// Of `lens`, with tables of `film`: the rectangle of the film and half the widest window around it.
+    ///
+    /// # Errors
+    /// Options that cannot be used; no first-order properties of the straightened lens.
+    pub fn new(lens: &'a BuiltLens, options: &'a TraceOptions, film: FilmRange) -> Result<Self, SkewError> {
+        LensTrace::check_options(options)?;
+        Ok(Self { lens, options, film })
+    }
+
+    /// The lens without its bands.
+    ///
+    /// # Errors
+    /// No first-order properties of the straightened lens.
+    pub fn header(&self) -> Result<Lens, SkewError> {
+        let straight = lens_header(self.lens.nominal())?;
+        let focal_mm = SkewTracer::new(self.lens, self.lens.nominal().primary_um())?.ideal_focal_mm();
+        let magnification = straight.magnification * focal_mm / straight.distortion_focal_length_mm;
+        Ok(Lens { distortion_focal_length_mm: focal_mm, magnification, ..straight })
+    }
+
+    /// Traces band `index`.
+    ///
+    /// # Errors
+    /// A place of the film that has no chief ray or no light; a ray within the apertures that does not reach the film; a window that
+    /// does not hold enough light; a map that folds.
+    pub fn band(&self, index: usize, on_progress: OnProgress<'_>) -> Result<TracedBand, SkewError> {
+        let options = self.options;
+        let nm = options.wavelengths_nm[index];
+        let mut psfs = 0;
+        let mut report = |step, computed: usize| {
+            psfs += computed;
+            on_progress(Progress { band: index, bands: options.wavelengths_nm.len(), step, psfs });
+        };
+        let tracer = SkewTracer::new(self.lens, nm / 1e3)?;
+        report("map", 0);
+        let traced = trace_map(&tracer, self.film, MAP_TOLERANCE_PX * 1e-3 * options.film_pitch_um)?;
+        let mut kernels = PlaceKernels::new(&tracer)?;
+        report("window", 0);
+        let (windows, pitch_um) = self.sampling(&mut kernels)?;
+        let film_um = options.film_pitch_um;
+        let grid = PsfGrid::new(half_samples(windows.px, film_um, pitch_um), pitch_um);
+        let (core_half, core_pitch_um) = core_samples(windows.core_px, film_um, pitch_um);
+        let core = PsfGrid::new(core_half, core_pitch_um);
+        kernels.start(&core, windows.core_px, film_um);
+        let most = options.max_nodes.min(MAX_SAMPLES / (grid.size() * grid.size()));
+        let nodes = nodes::choose(&mut kernels, self.film, (options, most), &mut report)?;
+        let places = nodes.places();
+        report("PSFs", 0);
+        let functions = kernels.into_functions(&places)?;
+        let (psf, psf_energy) = stack(&functions, &grid);
+        report("PSFs", places.len());
+        let mut shares = places.iter().zip(&psf_energy);
+        if let Some(([x, y], &share)) = shares.find(|(_, s)| **s > PSF_ENERGY.max || s.is_nan()) {
+            let height_mm = real::hypot(*x, *y);
+            return Err(DesignError::Unresolved { height_mm, wavelength_um: nm / 1e3, share }.into());
+        }
+        let report = BandReport {
+            wavelength_nm: nm,
+            psf_error: nodes.error,
+            window_px: windows.px,
+            min_energy: psf_energy.iter().copied().fold(1.0, f64::min),
+            psfs,
+            no_tail: None,
+        };
+        let places = PsfPlaces::Cartesian { x_mm: nodes.x_mm, y_mm: nodes.y_mm };
+        let tables = LensBand {
+            wavelength_nm: nm,
+            ideal_height_mm: Vec::new(),
+            image_height_mm: Vec::new(),
+            relative_illumination: Vec::new(),
+            psf_height_mm: Vec::new(),
+            azimuth_count: Vec::new(),
+            psf_size: grid.size(),
+            psf_pitch_um: grid.pitch_um(),
+            psf_energy,
+            solid_angle_sr: traced.solid_angle_sr,
+            transmission: 1.0,
+            tail: None,
+            planar: Some(PlanarBand { map: traced.planar(), psfs: places }),
+        };
+        let pupils = PupilStack::new(&grid, functions);
+        Ok(TracedBand { tables, psf, pupils, report })
+    }
+
+    /// Windows and sample pitch.
+    fn sampling(&self, kernels: &mut PlaceKernels<'_>) -> Result<(Windows, f64), SkewError> {
+        let (options, film_um) = (self.options, self.options.film_pitch_um);
+        let share = |i: usize| i as f64 / (WINDOW_SIDE - 1) as f64;
+        let places: Vec<[f64; 2]> = (0..WINDOW_SIDE * WINDOW_SIDE)
+            .map(|k| self.film.at([share(k % WINDOW_SIDE), share(k / WINDOW_SIDE)]))
+            .collect();
+        kernels.prepare(&places)?;
+        let found: Vec<(f64, &PupilFunction)> =
+            places.iter().map(|p| (real::hypot(p[0], p[1]), kernels.function(*p))).collect();
+        let nyquist = found.iter().map(|(_, f)| f.nyquist_um()).fold(f64::INFINITY, f64::min);
+        let pitch_um = match options.psf_pitch_um {
+            Some(pitch) if pitch > nyquist => {
+                return Err(DesignError::Option {
+                    option: "psf pitch",
+                    value: format!("{pitch} µm"),
+                    expected: "one finer than Nyquist, λN/2 of the widest cone",
+                }
+                .into());
+            }
+            Some(pitch) => pitch,
+            None => pitch_below(options, nyquist),
+        };
+        let windows = match options.window_px {
+            Some(px) => Windows { px, core_px: px },
+            None => search(options, &found, pitch_um, ((FIRST_UM / film_um) as usize).max(FIRST_PX))?,
+        };
+        Ok((windows, pitch_um))
+    }
+}
+
+/// The PSFs of `functions`, each of sum 1, and their shares of energy in the window.
+fn stack(functions: &[PupilFunction], grid: &PsfGrid) -> (PsfStack, Vec<f64>) {
+    let n = grid.size();
+    let mut samples = vec![0.0; n * n * functions.len()];
+    let energy = samples
+        .par_chunks_exact_mut(n * n)
+        .zip(functions)
+        .map_init(<(PsfScratch, Vec<f32>)>::default, |(scratch, psf), (out, function)| {
+            grid.psf_into(function, 0.0, scratch, psf);
+            normalise(psf, out)
+        })
+        .collect();
+    (PsfStack { size: n, pitch_um: grid.pitch_um(), sample: PsfSample::Point, samples }, energy)
+}

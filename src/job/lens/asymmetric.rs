@@ -1,0 +1,38 @@
+//! A design traced over the area of a film: as built, with manufacturing errors, or without rotational symmetry by design.
+
+use super::drawn::DrawnLens;
+use pipeline::design::System;
+use pipeline::design::skew::error::SkewError;
+use pipeline::design::skew::system::BuiltLens;
+
+/// A lens without rotational symmetry.
+pub enum AsymmetricLens {
+    /// As built: drawn from the manufacturing errors of a symmetric design.
+    Drawn(Box<DrawnLens>),
+    /// By design.
+    Design(Box<BuiltLens>),
+}
+
+impl AsymmetricLens {
+    /// The straightened lens of `system`, whose first-order figures hold, and the lens itself if it has no symmetry.
+    ///
+    /// # Errors
+    /// Parts that such lenses do not have; a film that no chief ray reaches.
+    pub fn of_design(system: System) -> Result<(System, Option<Self>), SkewError> {
+        match system.asymmetry {
+            None => Ok((system, None)),
+            Some(_) => {
+                let lens = BuiltLens::of_design(&system)?;
+                Ok((system.straightened(), Some(Self::Design(Box::new(lens)))))
+            }
+        }
+    }
+
+    /// The lens without symmetry by design.
+    pub fn design(&self) -> Option<&BuiltLens> {
+        match self {
+            Self::Drawn(_) => None,
+            Self::Design(lens) => Some(lens),
+        }
+    }
+}
