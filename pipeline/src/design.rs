@@ -4,7 +4,7 @@
 //!
 //! | layer | modules |
 //! |---|---|
-//! | [`prescription`] | [`system`] (surfaces, aperture, fields), [`shape`] of a surface, [`glass`]es, their built-in table ([`glass_library`]) and [`model_glass`]es, their [`absorption`], the [`coating`]s of surfaces and of a lens ([`coatings`]), [`error`] |
+//! | [`prescription`] | [`system`] (surfaces, aperture, fields), [`shape`] of a surface, [`freeform`] shapes, [`pose`]s and outlines of a design without symmetry ([`asymmetry`]), [`glass`]es, their built-in table ([`glass_library`]) and [`model_glass`]es, their [`absorption`], the [`coating`]s of surfaces and of a lens ([`coatings`]), [`error`] |
 //! | [`rays`] | [`paraxial`]: pupils and focal lengths. [`ray`]: real rays through each `surface`, with derivatives by `scalar`; `aim` finds the pupil of each field point, `field` the field point of an image height; `losses`: light lost on the way; `ray_budget`: the rays that a search may aim |
 //! | [`pupil`] | the open part of the pupil and its sampling; [`bundle`]: its rays; [`rim`]: its outermost rays, working F-numbers; [`illumination`]: RI, the light of a bundle per area of the film; `function`, `disc`, `pupils`: pupil functions, also between traced heights |
 //! | [`figures`] | [`mod@describe`]: first-order data; [`spots`], [`pattern_spot`]: spot diagrams and best focus; [`wavefront`], [`zernike`]; [`field_curvature`]; [`cardinal`], [`paraxial_rays`], [`seidel`]: first and third order; [`field_figures`]; [`image_circle`]; [`light`]: transmission; [`roughness`]: scattered light; [`crossing`]: surfaces that cross; `aiming_check`: whether paraxial aiming is accurate enough; `refocus`: the film at another focus |
@@ -29,7 +29,8 @@ pub use figures::{
     pattern_spot, pinhole, roughness, seidel, spots, wavefront, zernike,
 };
 pub use prescription::{
-    absorption, coating, coatings, error, glass, glass_library, model_glass, shape, system,
+    absorption, asymmetry, coating, coatings, error, freeform, glass, glass_library, model_glass, pose,
+    shape, system,
 };
 pub use psf::{field_psf, film_pixel, pupil_stack};
 pub use pupil::{bundle, illumination, quadrature, rim};

@@ -2,6 +2,7 @@
 
 mod aberrations;
 mod asymmetric;
+mod asymmetric_design;
 mod camera;
 pub mod convert;
 mod cross_section;

@@ -4,6 +4,7 @@
 //! of its tables and PSFs; RMS is then the radius of the PSF inside its window, and GEO, which needs rays, is not available.
 
 use super::asymmetric;
+use super::asymmetric_design;
 use super::plots;
 use super::shown::Shown;
 use super::tables::{self, Request, Table, csv_file, design_figures, design_json};
@@ -36,6 +37,9 @@ const SHARES: [f64; 5] = [0.0, 0.25, 0.5, 0.75, 1.0];
 pub fn command(args: &ShowArgs) -> Result<()> {
     if let Some(pack) = asymmetric::pack(args)? {
         return asymmetric::show(args, &pack);
+    }
+    if let Some(system) = asymmetric_design::opened(args)? {
+        return asymmetric_design::show(args, &system);
     }
     let lens = LensData::open(&args.lens, &args.design)?;
     if args.overwrite && args.plot.is_none() && args.csv.is_none() {
