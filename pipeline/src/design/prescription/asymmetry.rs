@@ -12,6 +12,12 @@
 use super::freeform::SkewShape;
 use super::pose::Pose;
 
+/// Highest power of x or y of a surface's XY terms.
+pub const MAX_XY_POWER: u32 = 30;
+
+/// Maximum number of XY terms of a surface, and of its coefficients of r or y.
+const MAX_TERMS: usize = 1000;
+
 /// The true surfaces of a design without rotational symmetry.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Asymmetry {
@@ -96,6 +102,28 @@ impl Asymmetry {
         if !self.surfaces.iter().all(numbers) {
             return Some("has a surface with a number that is not finite");
         }
+        let is_bounded = |s: &FreeSurface| {
+            let along_y = s.shape.along_y.as_ref();
+            let counts = [&s.shape.base.aspheric, &s.shape.base.odd].map(Vec::len);
+            counts
+                .into_iter()
+                .chain([s.shape.xy.len(), along_y.map_or(0, |y| y.aspheric.len())])
+                .all(|n| n <= MAX_TERMS)
+                && s.shape.xy.iter().all(|t| t.i.max(t.j) <= MAX_XY_POWER)
+        };
+        if !self.surfaces.iter().all(is_bounded) {
+            return Some("has a surface with more than 1000 terms, or with a power of x or y above 30");
+        }
+        let is_swept = |s: &FreeSurface| {
+            s.shape
+                .along_y
+                .as_ref()
+                .and_then(|y| y.swept_mm)
+                .is_none_or(|radius| !radius.is_nan() && radius != 0.0)
+        };
+        if !self.surfaces.iter().all(is_swept) {
+            return Some("has a toroid whose radius of rotation is not a number other than 0");
+        }
         let outlines =
             |s: &FreeSurface| [s.aperture, s.obscuration].into_iter().flatten().all(|o| is_positive(&o));
         if !self.surfaces.iter().all(outlines) {
@@ -108,6 +136,25 @@ impl Asymmetry {
 #[cfg(test)]
 mod tests {
     use super::*;
+    use crate::design::prescription::freeform::{AlongY, XyTerm};
+
+    #[test]
+    fn terms_powers_and_radii_of_rotation_are_bounded() {
+        let problem = |shape: SkewShape| {
+            let surface = FreeSurface { shape, ..FreeSurface::default() };
+            Asymmetry { surfaces: vec![surface] }.problem(1).unwrap_or_default()
+        };
+        let xy = |xy: Vec<XyTerm>| SkewShape { xy, ..SkewShape::default() };
+        assert_eq!(problem(xy(vec![XyTerm::new(30, 30, 1.0); 1000])), "");
+        assert!(problem(xy(vec![XyTerm::new(2, 31, 1.0)])).contains("power of x or y above 30"));
+        assert!(problem(xy(vec![XyTerm::new(1, 1, 1.0); 1001])).contains("more than 1000 terms"));
+        let toroid = |radius: f64| SkewShape {
+            along_y: Some(AlongY { swept_mm: Some(radius), ..AlongY::default() }),
+            ..SkewShape::default()
+        };
+        assert_eq!(problem(toroid(f64::INFINITY)), "");
+        assert!([0.0, f64::NAN].into_iter().all(|r| problem(toroid(r)).contains("radius of rotation")));
+    }
 
     #[test]
     fn levels_change_their_sign_at_the_outline() {
