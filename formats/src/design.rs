@@ -8,6 +8,7 @@
 //! | [`coatings`] | coatings by name, files of coatings |
 //! | [`builtin`] | the lenses in the program |
 //! | `draft`, `straight_axis` | a prescription as a reader collects it, and what all formats have in common when it becomes a [`System`] |
+//! | `asymmetric`, `freeform` | the same of a design without rotational symmetry: places, apertures, shapes |
 //! | [`text`], [`options`], [`writing`] | encodings and numbers; what readers are given; what writers have in common |
 //! | `format`, `lens_file` | what a row of [`FORMATS`] says; a file, its format chosen by ending and content |
 //! | [`error`] | errors of lens files |
@@ -19,12 +20,14 @@
 //! Tests: a target in `formats/tests/fuzz/designs.rs`, and `formats/tests/design/survival.rs` for a writer. What is read of the format, for users: `src/manual/guide/lenses.md`.
 
 pub mod agf;
+mod asymmetric;
 pub mod builtin;
 pub mod coatings;
 pub mod codev;
 mod draft;
 pub mod error;
 mod format;
+mod freeform;
 mod lens_file;
 pub mod optiland;
 pub mod options;

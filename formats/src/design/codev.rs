@@ -8,11 +8,14 @@
 //! solved where the saved last gap is 0; otherwise the saved gap holds. Unknown commands are ignored with a note.
 //! Lists may number their values (`WL W1 587.6`, `YAN F1 0 F2 14`); a glass may be a glass code, or n_d and V_d.
 //! `REFL` for a glass and RMD REFL are mirrors, `CIR OBS` a central obscuration.
-//! Tilts and decentres (module `decentre`) are read if the surfaces are on one axis nevertheless: returned, reversed, or of plane mirrors.
-//! Not supported, with a specific error: other tilts and decentres, special surfaces, gratings, macros.
+//! Tilts and decentres (module `decentre`), toroids and special surfaces (module `free`) and decentred apertures (module `aperture`) give a design
+//! without rotational symmetry, but for tilts that leave the surfaces on one axis: returned, reversed, or of plane mirrors.
+//! Not supported, with a specific error: gratings, other special surfaces, macros.
 
+mod aperture;
 mod command;
 mod decentre;
+mod free;
 mod private;
 mod qualifier;
 
@@ -23,6 +26,7 @@ use super::options::ReadOptions;
 use super::text::{self, decode};
 use command::{Command, cannot_be_curvatures, commands};
 use decentre::Decentre;
+use free::Free;
 use pipeline::design::glass::Glass;
 use pipeline::design::glass_library::GlassLibrary;
 use pipeline::design::system::{Aperture, FieldKind, ImagePlane, RayAiming, System};
@@ -45,10 +49,10 @@ const MACRO: &[&str] = &[
     "WRL",
 ];
 
-/// Commands for optics that are not rotationally symmetric or not modelled.
+/// Commands for optics that are not modelled.
 const UNSUPPORTED: &[&str] = &[
-    "GRT", "GRO", "GRS", "DIF", "HOE", "HWL", "CYL", "XTO", "YTO", "ANA", "AAS", "SPS", "SPA", "XYP", "ZRN",
-    "QBF", "QCN", "UDS", "GRN", "FRE", "LAR", "INT", "NSS",
+    "GRT", "GRO", "GRS", "DIF", "HOE", "HWL", "ANA", "SPA", "XYP", "ZRN", "QBF", "QCN", "UDS", "GRN", "FRE",
+    "LAR", "INT", "NSS",
 ];
 
 struct Reader<'a> {
@@ -65,6 +69,10 @@ struct Reader<'a> {
     weights: Vec<f64>,
     /// Tilts and decentres by surface.
     decentres: BTreeMap<usize, Decentre>,
+    /// Shapes without rotational symmetry by surface.
+    free: BTreeMap<usize, Free>,
+    /// Apertures by surface.
+    apertures: BTreeMap<usize, aperture::Apertures>,
     has_image: bool,
     is_solved_for_image: bool,
 }
@@ -92,6 +100,8 @@ pub fn parse(bytes: &[u8], glasses: &GlassLibrary, options: &ReadOptions) -> Res
         wavelengths_nm: Vec::new(),
         weights: Vec::new(),
         decentres: BTreeMap::new(),
+        free: BTreeMap::new(),
+        apertures: BTreeMap::new(),
         has_image: false,
         is_solved_for_image: false,
     };
@@ -188,7 +198,9 @@ impl Reader<'_> {
                 return Err(command.error(problem));
             }
             _ if UNSUPPORTED.contains(&key.as_str()) => {
-                return Err(command.error("not supported: lenscube traces rotationally symmetric systems"));
+                return Err(
+                    command.error("not supported: lenscube traces refracting and reflecting surfaces")
+                );
             }
             _ if HARMLESS.contains(&key.as_str()) => {}
             _ => return self.read_qualifier(&key, command),
@@ -254,6 +266,16 @@ impl Reader<'_> {
                 decentre.apply(surface, self.scale);
             }
         }
+        for (index, free) in &self.free {
+            if let Some(surface) = draft.surfaces.get_mut(*index) {
+                free.apply(surface, self.scale)?;
+            }
+        }
+        for (index, apertures) in &self.apertures {
+            if let Some(surface) = draft.surfaces.get_mut(*index) {
+                apertures.apply(surface);
+            }
+        }
         if let Some(Aperture::ImageFNumber(f)) = draft.aperture
             && draft.surfaces[0].thickness_mm.abs() < INFINITE_MM
         {
@@ -285,6 +307,9 @@ impl Reader<'_> {
         draft.aiming = Some(RayAiming::Real);
         let system = draft.finish()?;
         match self.is_solved_for_image && is_open {
+            true if system.asymmetry.is_some() => Err(incomplete(
+                "has a paraxial image solve (PIM), no saved last gap, and no rotational symmetry: save the lens with its last gap",
+            )),
             true => {
                 let plane = ImagePlane::Paraxial(system.primary_um());
                 let (_, direction) = system.axis()[system.image()];

@@ -4,11 +4,17 @@
 //! (which the design program treats as a floating aperture) if a refractive index changes there or it is curved; on dummy planes a semi-diameter is only drawn.
 //! Vignetting factors describe how much of the pupil the semi-diameters leave open, so where a file has factors, the semi-diameters of its
 //! surfaces without aperture become apertures. A curved image surface is replaced by the plane through its vertex.
+//! A design with surfaces off one axis, with shapes or with decentred apertures that are not rotationally symmetric has its true surfaces beside
+//! its straightened lens (module `asymmetric`).
 //! Files count z along the first light: behind an odd number of mirrors their thicknesses are negative. The system counts along the light.
 
+use super::asymmetric::{CIRCLE_INSIDE, Place, free_surface, places, reason};
 use super::error::LensFileError;
+use super::freeform::FreeShape;
 use super::straight_axis::{Break, straighten};
 use pipeline::design::glass::Glass;
+use pipeline::design::prescription::asymmetry::{Asymmetry, FreeSurface, Outline};
+use pipeline::design::prescription::pose::Pose;
 use pipeline::design::shape::Shape;
 use pipeline::design::system::{Aperture, FieldKind, Medium, RayAiming, Surface, System};
 use pipeline::real;
@@ -36,7 +42,10 @@ pub(super) fn radial_field(kind: Option<FieldKind>, x: f64, y: f64) -> f64 {
 /// A surface, and the gap behind it.
 #[derive(Clone, Debug, Default)]
 pub(super) struct DraftSurface {
+    /// Of a surface without rotational symmetry its profile along y.
     pub(super) shape: Shape,
+    /// Its shape if that has no rotational symmetry.
+    pub(super) free: Option<FreeShape>,
     /// Distance to the next surface, mm; may be infinite.
     pub(super) thickness_mm: f64,
     /// Glass behind it; none is air. Not used for a mirror and where `keeps_medium`: it is that in front of it.
@@ -50,6 +59,10 @@ pub(super) struct DraftSurface {
     pub(super) clear_mm: Option<f64>,
     /// Radius of a central obscuration, mm.
     pub(super) obscuration_mm: Option<f64>,
+    /// A clear aperture that is not a disc about the vertex; `clear_mm` is then the circle inside it, if that is about the vertex.
+    pub(super) outline: Option<Outline>,
+    /// An obscuration that is not a disc about the vertex.
+    pub(super) hidden: Option<Outline>,
     /// Semi-diameter as drawn, mm; 0 if unknown.
     pub(super) semi_diameter_mm: f64,
     /// Name of its coating.
@@ -60,6 +73,8 @@ pub(super) struct DraftSurface {
     pub(super) coordinate_break: Option<Break>,
     /// Tilts and decentres of the surfaces behind this one, before its thickness.
     pub(super) break_behind: Option<Break>,
+    /// Its place in the lens frame where the file gives the places of all surfaces, which have no thicknesses then.
+    pub(super) place: Option<Pose>,
 }
 
 /// A prescription.
@@ -128,19 +143,7 @@ impl Draft {
                 self.surfaces[i].glass = self.surfaces[i - 1].glass.clone();
             }
         }
-        straighten(&mut self.surfaces, self.stop, &mut self.notes)?;
-        let mut surfaces = Vec::with_capacity(last);
-        let mut direction = 1.0;
-        for (i, pair) in self.surfaces.windows(2).enumerate() {
-            let (before, draft) = (&pair[0], &pair[1]);
-            surfaces.push(surface(i + 1, before.glass.as_ref(), draft, i + 1 == last, &mut direction)?);
-        }
-        note_missing_obscuration(&surfaces, &mut self.notes);
-        flatten_image(&mut surfaces, &mut self.notes);
-        note_virtual_image(&surfaces, &mut self.notes);
-        if self.has_vignetting_factors {
-            apertures_for_vignetting(&mut surfaces, &mut self.notes);
-        }
+        let (surfaces, asymmetry) = self.trace_surfaces()?;
         let mut aiming = self.aiming.unwrap_or(RayAiming::Paraxial);
         if self.is_telecentric && aiming == RayAiming::Real {
             aiming = RayAiming::Paraxial;
@@ -162,20 +165,117 @@ impl Draft {
             primary: self.primary,
             aiming,
             notes: self.notes,
-            asymmetry: None,
+            asymmetry,
         };
         system.check()?;
         Ok(system)
     }
+
+    /// The surfaces, straightened, and the true ones if they are not on one axis or not rotationally symmetric.
+    fn trace_surfaces(&mut self) -> Result<(Vec<Surface>, Option<Asymmetry>), LensFileError> {
+        let (mut straight, mut notes) = (self.surfaces.clone(), Vec::new());
+        let is_straight = straighten(&mut straight, self.stop, &mut notes);
+        if let Some(reason) = reason(&self.surfaces, is_straight) {
+            let (surfaces, free) = self.asymmetric_surfaces(reason)?;
+            return Ok((surfaces, Some(Asymmetry { surfaces: free })));
+        }
+        self.notes.append(&mut notes);
+        let last = straight.len() - 1;
+        let mut surfaces = Vec::with_capacity(last);
+        let mut direction = 1.0;
+        for (i, pair) in straight.windows(2).enumerate() {
+            let (before, draft) = (&pair[0], &pair[1]);
+            let is_reversed = direction < 0.0;
+            if draft.is_mirror {
+                direction = -direction;
+            }
+            let gap_mm = if draft.thickness_mm == 0.0 { 0.0 } else { direction * draft.thickness_mm };
+            surfaces.push(surface(
+                i + 1,
+                before.glass.as_ref(),
+                draft,
+                i + 1 == last,
+                (is_reversed, gap_mm),
+            )?);
+        }
+        note_missing_obscuration(&surfaces, &mut self.notes);
+        flatten_image(&mut surfaces, &mut self.notes);
+        note_virtual_image(&surfaces, &mut self.notes);
+        if self.has_vignetting_factors {
+            apertures_for_vignetting(&mut surfaces, &mut self.notes);
+        }
+        Ok((surfaces, None))
+    }
+
+    /// The straightened surfaces and the true ones of a design without rotational symmetry.
+    fn asymmetric_surfaces(
+        &mut self,
+        reason: String,
+    ) -> Result<(Vec<Surface>, Vec<FreeSurface>), LensFileError> {
+        self.notes.retain(|note| !note.contains(CIRCLE_INSIDE));
+        self.notes.push(format!(
+            "{reason}: the design has no rotational symmetry; it is traced over the film's area"
+        ));
+        let last = self.surfaces.len() - 1;
+        let (mut surfaces, mut free) = (Vec::with_capacity(last), Vec::with_capacity(last));
+        for (i, (pair, place)) in self.surfaces.windows(2).zip(places(&self.surfaces)).enumerate() {
+            let (number, before, draft) = (i + 1, pair[0].glass.as_ref(), &pair[1]);
+            let Place { is_reversed, gap_mm, .. } = place;
+            surfaces.push(surface(number, before, draft, number == last, (is_reversed, gap_mm))?);
+            let is_frame = draft.is_frame(before) && self.stop != Some(number) && number != last;
+            let fixed_mm = draft.fixed_mm(before).filter(|_| number != last && !is_frame);
+            free.push(free_surface(draft, &place, (number == last, is_frame), fixed_mm));
+        }
+        if let Some(image) = self.surfaces[last].free.as_ref().filter(|_| surfaces[last - 1].shape.is_flat())
+        {
+            self.notes.push(format!(
+                "the design's image surface is {}; the film is the plane through its vertex",
+                image.what
+            ));
+        }
+        flatten_image(&mut surfaces, &mut self.notes);
+        if self.has_vignetting_factors {
+            self.notes.push(
+                "vignetting factors are not used in a design without rotational symmetry: its apertures are traced".to_owned(),
+            );
+        }
+        Ok((surfaces, free))
+    }
 }
 
-/// Surface `number` behind the medium `before`. `direction` is that of the light along z of the file, and is updated by a mirror.
+impl DraftSurface {
+    /// Whether it changes the direction of light behind the medium `before`.
+    fn bends(&self, before: Option<&Glass>) -> bool {
+        self.is_mirror
+            || !self.shape.is_flat()
+            || self.free.is_some()
+            || self.ideal_focal_mm.is_some()
+            || self.glass.as_ref() != before
+    }
+
+    /// Its semi-diameter where that clips light behind the medium `before`.
+    fn fixed_mm(&self, before: Option<&Glass>) -> Option<f64> {
+        // The shadow of a mirror is drawn as large as its obscuration, and clips nothing else.
+        let inner = self.obscuration_mm.unwrap_or(0.0);
+        let clips = self.is_fixed && self.bends(before) && self.semi_diameter_mm > inner;
+        clips.then_some(self.semi_diameter_mm)
+    }
+
+    /// Whether it only changes the frame of the surfaces behind it.
+    fn is_frame(&self, before: Option<&Glass>) -> bool {
+        let clips = self.clear_mm.is_some() || self.obscuration_mm.is_some();
+        let has_break = self.coordinate_break.is_some() || self.break_behind.is_some();
+        has_break && !self.bends(before) && !clips && self.outline.is_none() && self.hidden.is_none()
+    }
+}
+
+/// Surface `number` behind the medium `before`. `along_light`: whether the light arrives against z of the file, and the gap behind it along the light, mm.
 fn surface(
     number: usize,
     before: Option<&Glass>,
     draft: &DraftSurface,
     is_image: bool,
-    direction: &mut f64,
+    (is_reversed, gap_mm): (bool, f64),
 ) -> Result<Surface, LensFileError> {
     if !is_image && !draft.thickness_mm.is_finite() {
         return Err(incomplete(format!("has an infinite gap behind surface {number}")));
@@ -183,24 +283,10 @@ fn surface(
     if is_image && draft.is_mirror {
         return Err(incomplete(format!("has a mirror as its image surface {number}")));
     }
-    let bends = draft.is_mirror
-        || !draft.shape.is_flat()
-        || draft.ideal_focal_mm.is_some()
-        || draft.glass.as_ref() != before;
-    // The shadow of a mirror is drawn as large as its obscuration, and clips nothing else.
-    let inner = draft.obscuration_mm.unwrap_or(0.0);
-    let fixed = (draft.is_fixed && bends && draft.semi_diameter_mm > inner).then_some(draft.semi_diameter_mm);
-    let shape = if *direction > 0.0 { draft.shape.clone() } else { draft.shape.reversed() };
-    if draft.is_mirror {
-        *direction = -*direction;
-    }
+    let fixed = draft.fixed_mm(before);
     Ok(Surface {
-        shape,
-        thickness_mm: if is_image || draft.thickness_mm == 0.0 {
-            0.0
-        } else {
-            *direction * draft.thickness_mm
-        },
+        shape: if is_reversed { draft.shape.reversed() } else { draft.shape.clone() },
+        thickness_mm: if is_image { 0.0 } else { gap_mm },
         medium: draft.glass.clone().map_or(Medium::Air, Medium::Glass),
         ideal_focal_mm: draft.ideal_focal_mm,
         is_mirror: draft.is_mirror,

@@ -1,17 +1,21 @@
 //! Lenses as JSON of the open-source design program Optiland.
 //!
 //! The file lists an aperture (EPD, imageFNO, objectNA, float_by_stop_size), fields, wavelengths, and surfaces with their positions along the axis, so that
-//! a thickness is the difference of two of them. Surfaces: Plane, StandardGeometry, EvenAsphere (coefficients of r², r⁴, …) and OddAsphere (r, r², …).
+//! a thickness is the difference of two of them; with tilts and decentres (module `place`) the lens has no rotational symmetry, unless its surfaces are on
+//! one axis nevertheless. Shapes and apertures: module `geometry`.
 //! Materials: Material (a name, and a maker as its `reference` or the folder of its data file), IdealMaterial (a constant index) and
-//! AbbeMaterial (n_d and V_d). RadialAperture clips. What Optiland has no data for is written in an object `lenscube` (semi-diameters, an AGF catalogue of
+//! AbbeMaterial (n_d and V_d). What Optiland has no data for is written in an object `lenscube` (semi-diameters, an AGF catalogue of
 //! glasses that are not built in) and keys `lenscube_glass` and `dP_gF` of an AbbeMaterial, which Optiland does not read.
 //! The inner radius of a RadialAperture is a central obscuration.
 //! Field type, telecentric object space and ray aiming have other keys since version 0.6: both are read, and both are written.
 //! Its paraxial image heights are those of the chief ray on the film; here they are heights in the paraxial image plane, and are converted.
-//! Not supported, with a specific error: tilts and decentres, other geometries and materials.
+//! Not supported, with a specific error: other geometries, apertures and materials.
 
+mod geometry;
 mod json;
+mod place;
 mod read;
+mod values;
 mod write;
 
 use super::error::LensFileError;

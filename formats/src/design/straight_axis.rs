@@ -8,10 +8,11 @@
 //! ```
 //! The ray that starts along the axis is followed through the local coordinates of every surface. A plane mirror may be met at any angle: it
 //! folds the axis, which changes nothing for a rotationally symmetric beam. So may a plane without change of medium. Every other surface, the
-//! stop and the image must have the ray on its vertex, along its normal. Gaps are then the lengths along the ray.
+//! stop and the image must have the ray on its vertex, along its normal. Gaps are then the lengths along the ray. A file that gives the place of
+//! every surface has neither breaks nor gaps: the change from place to place is followed.
 
 use super::draft::DraftSurface;
-use super::error::LensFileError;
+use pipeline::design::prescription::pose::{Order, Pose, Vector};
 use pipeline::real;
 
 /// Tolerances of the position, mm, and of the direction, rad.
@@ -29,11 +30,21 @@ pub(super) struct Break {
     pub(super) tilts_first: bool,
 }
 
-type Vector = [f64; 3];
+/// The first surface that is not on the axis.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub(super) struct OffAxis {
+    pub(super) surface: usize,
+}
 
 impl Break {
     fn is_tilt(&self) -> bool {
         self.decentre_mm != [0.0; 3] || self.tilt_deg[..2] != [0.0; 2]
+    }
+
+    /// The frame behind the break in that before it.
+    pub(super) fn pose(&self) -> Pose {
+        let order = if self.tilts_first { Order::TiltFirst } else { Order::DecentreFirst };
+        Pose::coordinate_break(order, self.decentre_mm, self.tilt_deg.map(f64::to_radians))
     }
 
     /// The break that undoes this one.
@@ -69,34 +80,50 @@ impl Break {
     }
 }
 
-/// Replaces coordinate breaks by planes and gaps along the axis; notes say which.
+/// Point and direction of frame `from` in frame `to`, both places in the lens frame.
+fn from_place_to_place(from: &Pose, to: &Pose, (point, direction): (Vector, Vector)) -> (Vector, Vector) {
+    let change = to.inverse().compose(from);
+    let rotation = Pose { origin_mm: [0.0; 3], ..change };
+    (change.point(point), rotation.point(direction))
+}
+
+/// Whether a place is tilted about x or y, or off the axis.
+fn is_off_axis(place: &Pose) -> bool {
+    place.origin_mm[..2] != [0.0; 2] || place.rotation[2] != [0.0, 0.0, 1.0]
+}
+
+/// Replaces coordinate breaks and places by planes and gaps along the axis; notes say which.
 ///
 /// # Errors
-/// [`LensFileError::Incomplete`] names a surface that is tilted or decentred.
+/// [`OffAxis`]: a surface is tilted or decentred.
 pub(super) fn straighten(
     surfaces: &mut [DraftSurface],
     stop: Option<usize>,
     notes: &mut Vec<String>,
-) -> Result<(), LensFileError> {
+) -> Result<(), OffAxis> {
     let breaks = |s: &DraftSurface| [s.coordinate_break, s.break_behind].into_iter().flatten();
-    if !surfaces.iter().flat_map(breaks).any(|b| b.is_tilt()) {
+    let is_placed_off_axis = surfaces.iter().filter_map(|s| s.place).any(|place| is_off_axis(&place));
+    if !is_placed_off_axis && !surfaces.iter().flat_map(breaks).any(|b| b.is_tilt()) {
         return Ok(());
     }
     let (mut point, mut direction) = ([0.0; 3], [0.0, 0.0, 1.0]);
     // Direction of the light along z of the file, if mirrors alone changed it.
     let mut parity = 1.0;
-    let (mut folds, mut last_break) = (0, 0);
+    let mut folds = 0;
     let image = surfaces.len() - 1;
     for i in 1..=image {
         let before = surfaces[i - 1].glass.clone();
+        let place_before = surfaces[i - 1].place.unwrap_or_default();
         let surface = &mut surfaces[i];
+        if let Some(place) = surface.place {
+            (point, direction) = from_place_to_place(&place_before, &place, (point, direction));
+        }
         if let Some(coordinate_break) = surface.coordinate_break {
             (point, direction) = coordinate_break.apply(point, direction);
-            last_break = i;
         }
         let travelled = -point[2] / direction[2];
         if direction[2].abs() < OFF_AXIS_RAD || !travelled.is_finite() {
-            return Err(off_axis(i, last_break));
+            return Err(OffAxis { surface: i });
         }
         let hit = [0, 1].map(|k| point[k] + travelled * direction[k]);
         let is_on_axis = real::hypot(hit[0], hit[1]) <= OFF_AXIS_MM
@@ -109,7 +136,7 @@ pub(super) fn straighten(
             let may_tilt = (is_dummy && surface.clear_mm.is_none() && surface.obscuration_mm.is_none())
                 || (surface.is_mirror && surface.shape.is_flat());
             if !may_tilt || stop == Some(i) || i == image {
-                return Err(off_axis(i, last_break));
+                return Err(OffAxis { surface: i });
             }
             if surface.is_mirror {
                 folds += 1;
@@ -128,7 +155,6 @@ pub(super) fn straighten(
         point = [hit[0], hit[1], 0.0];
         if let Some(behind) = surface.break_behind {
             (point, direction) = behind.apply(point, direction);
-            last_break = i;
         }
         point[2] -= gap;
         if i == 1 {
@@ -146,15 +172,6 @@ pub(super) fn straighten(
         ),
     });
     Ok(())
-}
-
-fn off_axis(surface: usize, last_break: usize) -> LensFileError {
-    LensFileError::Incomplete {
-        problem: format!(
-            "has surface {surface} tilted or off the axis after the tilt, decentre or coordinate break of surface {last_break}: the lens must be rotationally \
-             symmetric"
-        ),
-    }
 }
 
 #[cfg(test)]
@@ -195,8 +212,8 @@ mod tests {
         assert_eq!((surfaces[4].shape.curvature, notes.len()), (0.02, 1));
         // Without the return the mirror is off the axis.
         let mut surfaces = vec![plane(f64::INFINITY), plane(4.0), at(there, 7.0), curved(-9.0), plane(0.0)];
-        let error = straighten(&mut surfaces, Some(1), &mut notes).unwrap_err().to_string();
-        assert!(error.contains("surface 3") && error.contains("surface 2"), "{error}");
+        let error = straighten(&mut surfaces, Some(1), &mut notes).unwrap_err();
+        assert_eq!(error, OffAxis { surface: 3 });
     }
 
     #[test]
@@ -217,5 +234,32 @@ mod tests {
             assert!((found - expected).abs() < 1e-12, "{gaps:?}");
         }
         assert_eq!(surfaces[5].shape.curvature, 0.02);
+    }
+
+    #[test]
+    fn places_give_the_gaps_that_breaks_give() {
+        let at = |y: f64, z: f64, tilt_deg: f64, surface: DraftSurface| {
+            let place = Some(Pose::new([0.0, y, z], [tilt_deg.to_radians(), 0.0, 0.0]));
+            DraftSurface { place, ..surface }
+        };
+        let flat = DraftSurface { is_mirror: true, ..plane(0.0) };
+        let lens = |tilt_deg: f64| {
+            vec![
+                plane(f64::INFINITY),
+                at(0.0, 0.0, 0.0, plane(0.0)),
+                at(0.0, 30.0, 45.0, flat.clone()),
+                // The light leaves along +y, against z of frames tilted by a quarter about x.
+                at(20.0, 30.0, tilt_deg, curved(0.0)),
+                at(8.0, 30.0, 90.0, plane(0.0)),
+            ]
+        };
+        let mut surfaces = lens(90.0);
+        straighten(&mut surfaces, Some(1), &mut Vec::new()).unwrap();
+        let gaps: Vec<f64> = surfaces[1..4].iter().map(|s| s.thickness_mm).collect();
+        for (found, expected) in gaps.iter().zip([30.0, -20.0, 12.0]) {
+            assert!((found - expected).abs() < 1e-12, "{gaps:?}");
+        }
+        let error = straighten(&mut lens(89.0), Some(1), &mut Vec::new()).unwrap_err();
+        assert_eq!(error.surface, 3);
     }
 }

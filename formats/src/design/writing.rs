@@ -8,6 +8,7 @@ use super::error::LensFileError;
 use pipeline::design::glass::{Glass, GlassCatalog};
 use pipeline::design::glass_library::{GlassLibrary, maker_of_glass};
 use pipeline::design::model_glass::model_values;
+use pipeline::design::prescription::asymmetry::FreeSurface;
 use pipeline::design::system::{Medium, Surface, System};
 
 /// A design in a file format.
@@ -27,6 +28,25 @@ pub(super) enum GlassForm {
     Constant(f64),
     /// n_d, V_d, ΔP_gF.
     Model(f64, f64, f64),
+}
+
+/// Checks that a format that holds lenses of rotational symmetry can hold this one.
+///
+/// # Errors
+/// [`LensFileError::Incomplete`] names a surface without it.
+pub(super) fn check_symmetry(system: &System) -> Result<(), LensFileError> {
+    let Some(asymmetry) = &system.asymmetry else { return Ok(()) };
+    let is_free = |s: &FreeSurface| {
+        let is_on_axis = s.pose.origin_mm[..2] == [0.0; 2] && s.pose.rotation[2] == [0.0, 0.0, 1.0];
+        let outlines = [s.aperture, s.obscuration].into_iter().flatten();
+        !s.is_frame
+            && (!is_on_axis || !s.shape.is_symmetric() || !outlines.into_iter().all(|o| o.is_centred_disc()))
+    };
+    let number = asymmetry.surfaces.iter().position(is_free).map_or(0, |i| i + 1);
+    let problem = format!(
+        "has no rotational symmetry (surface {number}), and is not written in this format: keep its own file"
+    );
+    Err(LensFileError::Incomplete { problem })
 }
 
 /// The shortest decimal that is read as the same number.

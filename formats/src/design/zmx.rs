@@ -1,17 +1,19 @@
-//! Reader of sequential .zmx lens files (text): surfaces STANDARD, EVENASPH, ODDASPHE, XASPHERE and XODDASPH.
+//! Reader of sequential .zmx lens files (text): surfaces STANDARD, EVENASPH, ODDASPHE, XASPHERE and XODDASPH, and those of module `free`.
 //!
 //! Keywords are read, or known not to change the optics (module `keywords`), or unknown: an unknown one is ignored with a note that names its line,
 //! or an error where the caller is strict. Merit function and tolerances follow the last surface and are skipped. So does the multi-configuration
 //! editor (module `configuration`): the surfaces have the saved configuration, its operands give the others; the first is read by default.
 //! Lengths are converted from lens units to mm. Apertures: CLAP and FLAP (outer radius), the inner radius of a ring-shaped OBSC, the circle
-//! inside SQAP and ELAP, and a fixed semi-diameter (DIAM with flag 1) where rays bend. Of pickups and solves the saved values are used.
-//! Wavelengths and indices are relative to air at 20 °C, 1 atm. Coordinate breaks may fold the axis at plane mirrors or be undone.
+//! inside SQAP and ELAP (themselves, with the decentre OBDC, where the design has no rotational symmetry), and a fixed semi-diameter (DIAM with flag 1) where rays bend. Of pickups and solves the saved values are used.
+//! Wavelengths and indices are relative to air at 20 °C, 1 atm. Coordinate breaks, and the tilts of surfaces (SCBD), that fold the
+//! axis at plane mirrors or are undone leave a symmetric lens; others give one without symmetry.
 //! Paraxial ray aiming (RAIM 1) is real aiming at the paraxial radius of the stop, which becomes the aperture.
 //! The inner radius of CLAP and OBSC from 0 are central obscurations. `GLAS MIRROR` reflects into the medium before it.
-//! An apodised pupil is read as a uniform one, with a note. Not supported, with a specific error: tilts, other surface types,
+//! An apodised pupil is read as a uniform one, with a note. Not supported, with a specific error: other surface types,
 //! indices adjusted to another pressure.
 
 mod configuration;
+mod free;
 mod keywords;
 mod line;
 mod surface;

@@ -2,6 +2,7 @@
 
 extern crate pipeline as lenscube_pipeline;
 
+mod asymmetric;
 mod builtin;
 mod chain;
 mod ideal;

@@ -113,14 +113,8 @@ fn prism_is_of_glass_behind_its_mirror() {
 }
 
 #[test]
-fn impossible_folds_and_obscurations_name_the_surface() {
+fn impossible_obscurations_name_the_surface() {
     for (from, to, words) in [
-        (
-            "SURF 5\n  TYPE COORDBRK\n  PARM 3 45",
-            "SURF 5\n  TYPE COORDBRK\n  PARM 3 44",
-            ["surface 6", "surface 5"],
-        ),
-        ("SURF 3\n  TYPE COORDBRK", "SURF 3\n  TYPE COORDBRK\n  PARM 1 2", ["surface 6", "off the axis"]),
         ("OBSC 0 20", "OBSC 0 60", ["all others are blocked", "(0.0000, 0.0000)"]),
         ("CLAP 15 60", "CLAP 70 60", ["obscuration", "as large as its aperture"]),
     ] {

@@ -105,7 +105,11 @@ fn optilands_own_files_are_read() {
     assert_keys_of_version_0_6(&text, &parse);
     for (from, to, word) in [
         ("\"Plane\", \"cs\": {\"x\"", "\"Zernike\", \"cs\": {\"x\"", "Zernike"),
-        ("\"rx\": 0.0", "\"rx\": 0.1", "tilt"),
+        (
+            "\"cs\": {\"z\": -Infinity}",
+            "\"cs\": {\"z\": -Infinity, \"rx\": 0.1}",
+            "tilted or decentred object",
+        ),
         ("\"EPD\"", "\"EPDX\"", "EPDX"),
         ("\"SK16\"", "\"SK16999\"", "SK16999"),
         ("\"nm\"", "\"furlong\"", "furlong"),

@@ -129,7 +129,8 @@ fn unsupported_optics_is_an_error_with_its_line() {
     for (from, to, line) in [
         ("MODE SEQ", "MODE NSC", 2),
         ("FTYP 2 0", "FTYP 7 0", 10),
-        ("TYPE EVENASPH", "TYPE BICONICX", 21),
+        ("TYPE EVENASPH", "TYPE GRID_SAG", 21),
+        ("PARM 2 0.001", "SCBD 5 0 0 0 0 1 0 0", 24),
         ("TYPE EVENASPH", "TYPE STANDARD", 24),
         ("PARM 2 0.001", "PARM 9 0.001", 24),
         ("CONI -0.5", "CONI x", 23),

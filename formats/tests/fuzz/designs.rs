@@ -114,6 +114,69 @@ fn is_read_and_written(system: &System) -> bool {
     describe(system).is_ok()
 }
 
+/// Whether a design is read with its true surfaces; that it is not written must be one line.
+fn is_asymmetric(system: &System) -> bool {
+    let error = zmx::write(system, "own").err().map(|e| e.to_string());
+    assert!(system.asymmetry.is_none() || error.is_some_and(|e| !e.contains('\n')));
+    system.asymmetry.is_some()
+}
+
+#[test]
+fn damaged_designs_without_symmetry_do_not_panic() {
+    let glasses = GlassLibrary::new();
+    let zemax = "MODE SEQ\nUNIT IN\nENPD 0.4\nRAIM 0 2\nFTYP 0 0 1 1\nYFLN 0.3\nWAVM 1 0.55 1\nPWAV 1\nSURF 0\n  TYPE STANDARD\n  DISZ INFINITY\n\
+        SURF 1\n  STOP\n  DISZ 0.1\nSURF 2\n  TYPE TOROIDAL\n  CURV 0.5\n  PARM 1 3\n  PARM 3 0.01\n  XDAT 1 4\n  XDAT 2 2\n  XDAT 6 0.1\n  GLAS N-BK7\n  SQAP 0.2 0.3\n  OBDC 0.1 0\n\
+        \x20 DISZ 0.2\nSURF 3\n  TYPE BICONICX\n  CURV -0.2\n  PARM 1 4\n  PARM 2 -1\n  DISZ 1\nSURF 4\n  TYPE COORDBRK\n  PARM 2 0.1\n  PARM 3 30\n  PARM 6 1\n  DISZ 0\nSURF 5\n\
+        \x20 TYPE SZERNSAG\n  PARM 2 0.1\n  XDAT 1 6\n  XDAT 2 1\n  XDAT 7 0.1\n  SCBD 2 0 1 0 0 30 0 0\n  GLAS MIRROR\n  DISZ -1\nSURF 6\n  TYPE XPOLYNOM\n  XDAT 1 5\n  XDAT 2 1\n\
+        \x20 XDAT 7 0.1\n  DISZ -1\nSURF 7\n  TYPE TILTSURF\n  PARM 1 0.1\n  DISZ -0.1\nSURF 8\n  TYPE POLYNOMI\n  PARM 5 0.1\n  ELAP 1 2\n  CLAP 0.1 1\n  DISZ -1\nSURF 9\n  DISZ 0\n";
+    let code_v = "RDM;LEN\nEPD 4\nDIM C\nWL 587.6\nYAN 0 0.2\nSO 0 1e13\nS 0 1\n  STO\nS 5 0.5 NBK7_SCHOTT\n  YTO; RDX 7; A 1e-3; REX 0.6; REY 0.2; ADY 0.1\nS -6 8\n\
+        \x20 SPS XYP; SCO K -0.5; SCO C5 0.01; YDE 0.1; ADE 3; DAR\nS 9 -8 REFL\n  SPS ZRN; SCO C1 2; SCO C5 0.01; ADE 20; BEN\nS 7 -1\n  AAS; RDX 10; KX 0.5; AR 0.01; AP 0.2\nSI 0 0\nGO\n";
+    let lenses = [zemax.as_bytes(), code_v.as_bytes()];
+    let parse = |bytes: &[u8]| match bytes.starts_with(b"MODE") {
+        true => zmx::parse(bytes, &glasses, &ReadOptions::default()),
+        false => codev::parse(bytes, &glasses, &ReadOptions::default()),
+    };
+    for lens in lenses {
+        assert!(is_asymmetric(&parse(lens).unwrap()));
+    }
+    let make = |r: &mut Random| {
+        let kind = r.below(2);
+        let mut bytes = lenses[kind][8..].to_vec();
+        damage_text(&mut bytes, r);
+        [&lenses[kind][..8], &bytes].concat()
+    };
+    fuzz("designs without symmetry", 400, make, |bytes| parse(bytes).is_ok_and(|s| is_asymmetric(&s)));
+
+    let cs = |x: f64, z: f64, rx: f64| {
+        format!(
+            r#""cs": {{"x": {x}, "y": 1.0, "z": {z}, "rx": {rx}, "ry": 0.2, "rz": 0.0, "reference_cs": null}}"#
+        )
+    };
+    let surface = |geometry: &str, cs: &str, more: &str| {
+        format!(r#"{{"type": "Surface", "geometry": {{{geometry}, {cs}}}{more}}}"#)
+    };
+    let surfaces = [
+        r#"{"type": "ObjectSurface", "geometry": {"type": "Plane", "cs": {"z": -Infinity}, "radius": Infinity}}"#.to_owned(),
+        surface(r#""type": "BiconicGeometry", "radius_x": 30.0, "radius_y": 50.0"#, &cs(0.0, 0.0, 0.0), r#", "is_stop": true"#),
+        surface(r#""type": "ToroidalGeometry", "radius_x": 30.0, "radius_y": 50.0, "coeffs_poly_y": [1e-4]"#, &cs(1.0, 5.0, 0.1), r#", "is_reflective": true"#),
+        surface(r#""type": "PolynomialGeometry", "radius": 50.0, "coefficients": [[0, 1e-3], [1e-4, 0]]"#, &cs(1.0, -5.0, 0.1), r#", "aperture": {"type": "RectangularAperture", "x_min": -1.0, "x_max": 2.0, "y_min": -1.0, "y_max": 2.0}"#),
+        surface(r#""type": "ZernikePolynomialGeometry", "radius": 50.0, "norm_radius": 9.0, "coefficients": [0, 1e-3, 0, 0, 2e-3]"#, &cs(0.0, -9.0, 0.0), r#", "aperture": {"type": "EllipticalAperture", "a": 2.0, "b": 1.0, "offset_x": 1.0, "offset_y": 0.0}"#),
+        surface(r#""type": "Plane", "radius": Infinity"#, &cs(0.0, -20.0, 0.3), ""),
+    ];
+    let lens = format!(
+        r#"{{"version": 1.0, "aperture": {{"type": "EPD", "value": 10}}, "fields": {{"fields": [{{"x": 0.0, "y": 4.0}}], "field_type": "angle"}}, "wavelengths": {{"wavelengths": [{{"value": 0.55, "is_primary": true, "unit": "um"}}]}}, "surface_group": {{"surfaces": [{}]}}}}"#,
+        surfaces.join(",")
+    );
+    let parse = |bytes: &[u8]| optiland::parse(bytes, &glasses, &ReadOptions::default());
+    assert!(is_asymmetric(&parse(lens.as_bytes()).unwrap()));
+    let make = |r: &mut Random| {
+        let mut bytes = lens.clone().into_bytes();
+        damage_text(&mut bytes, r);
+        bytes
+    };
+    fuzz("optiland .json without symmetry", 300, make, |bytes| parse(bytes).is_ok_and(|s| is_asymmetric(&s)));
+}
+
 #[test]
 fn damaged_configurations_do_not_panic() {
     let lens = String::from_utf8_lossy(include_bytes!("../../data/lenses/double-gauss-28.zmx")).into_owned();

@@ -8,7 +8,7 @@
 //! | REV (reverse) | | the inverse |
 //!
 //! ADE (about x) and BDE (about y) are left-handed, CDE (about z) is right-handed. Thicknesses count behind all of these. Whether the surfaces
-//! are on one axis nevertheless is found by `straight_axis`. Source: the decentre types of ray-optics (M. J. Hayford), which reads such files.
+//! are on one axis nevertheless is found by `straight_axis`; a design with others has no rotational symmetry. Source: the decentre types of ray-optics (M. J. Hayford), which reads such files.
 
 use super::command::Command;
 use crate::design::draft::DraftSurface;

@@ -2,7 +2,9 @@
 
 use super::command::Command;
 use super::decentre::is_decentre;
-use super::{Reader, curvature};
+use super::free::is_free;
+use super::{Reader, aperture, curvature};
+use crate::design::asymmetric::CIRCLE_INSIDE;
 use crate::design::error::LensFileError;
 
 impl Reader<'_> {
@@ -46,9 +48,17 @@ impl Reader<'_> {
             self.decentres.entry(index).or_default().read(key, command, value)?;
             return Ok(true);
         }
+        if is_free(key) {
+            self.free.entry(index).or_default().read(key, command, value)?;
+            return Ok(true);
+        }
+        if aperture::is_decentre(key) {
+            self.apertures.entry(index).or_default().read_decentre(key, command, scale)?;
+            return Ok(true);
+        }
         let Some(surface) = self.draft.surfaces.get_mut(index) else { return Ok(false) };
         match key {
-            "K" => surface.shape.conic = command.value(value)?,
+            "K" | "KY" => surface.shape.conic = command.value(value)?,
             "A" | "B" | "C" | "D" | "E" | "F" | "G" | "H" | "J" => {
                 // r⁴ to r²⁰; I is not used.
                 let term = "ABCDEFGHJ".find(key).unwrap_or(0) + 1;
@@ -78,11 +88,9 @@ impl Reader<'_> {
                     // Half a side of a rectangle, or a semi-axis of an ellipse.
                     let half = command.value(value)? * scale;
                     surface.clear_mm = Some(surface.clear_mm.map_or(half, |radius| radius.min(half)));
-                    self.draft.notes.push(format!(
-                        "line {}: `{}`: an aperture that is not a circle is replaced by the circle inside it",
-                        command.line,
-                        command.text.trim()
-                    ));
+                    self.apertures.entry(index).or_default().read_half(key, command, half);
+                    let (line, text) = (command.line, command.text.trim());
+                    self.draft.notes.push(format!("line {line}: `{text}`: {CIRCLE_INSIDE}"));
                 }
             },
             // Its saved value stands in the surface's line.

@@ -130,10 +130,18 @@ fn returned_reversed_and_bent_axes_are_straight() {
     // Without effect.
     let none = read(&DOUBLET.replace("  CIR 12.0", "  CIR 12.0\n  DAR; XDE 0; ADE S1 0; CDE 20")).unwrap();
     assert_eq!((none.surfaces, none.notes.len()), (straight.surfaces, 0));
-    for wrong in ["  ADE 3", "  DAR; YDE 1", "  REV; ADE 2", "  ADE S0 1"] {
-        let error = read(&DOUBLET.replace("  CIR 12.0", &format!("  CIR 12.0\n{wrong}"))).unwrap_err();
-        assert!(error.to_string().contains("tilt"), "{wrong}: {error}");
+    let with = |line: &str| read(&DOUBLET.replace("  CIR 12.0", &format!("  CIR 12.0\n{line}")));
+    for (tilted, surface) in [("  ADE 3", 1), ("  DAR; YDE 1", 1), ("  REV; ADE 2", 2)] {
+        let system = with(tilted).unwrap();
+        let note = format!("surface {surface} is tilted or decentred: the design has no rotational symmetry");
+        assert!(
+            system.asymmetry.is_some() && system.notes[0].starts_with(&note),
+            "{tilted}: {:?}",
+            system.notes
+        );
     }
+    let error = with("  ADE S0 1").unwrap_err().to_string();
+    assert!(error.contains("tilt or decentre of the object"), "{error}");
 }
 
 #[test]

@@ -1,5 +1,8 @@
 //! Reads Optiland's JSON.
 
+use super::geometry::{aperture, shape};
+use super::place::places;
+use super::values::{incomplete, is_true, list, number, text};
 use super::{OWN, film_height_scale, json};
 use crate::design::agf;
 use crate::design::draft::{Draft, DraftSurface, radial_field};
@@ -11,33 +14,6 @@ use pipeline::design::glass_library::GlassLibrary;
 use pipeline::design::model_glass::{constant_glass, model_glass};
 use pipeline::design::system::{Aperture, FieldKind, RayAiming, System};
 use serde_json::Value;
-
-fn incomplete(problem: impl Into<String>) -> LensFileError {
-    LensFileError::Incomplete { problem: problem.into() }
-}
-
-/// A number, possibly infinite, at `pointer`; `missing` if it is absent or null.
-fn number(value: &Value, pointer: &str, missing: f64) -> Result<f64, LensFileError> {
-    match value.pointer(pointer) {
-        None | Some(Value::Null) => Ok(missing),
-        Some(v) => {
-            let v = v.as_f64().ok_or_else(|| incomplete(format!("has no number at `{pointer}`: {v}")))?;
-            Ok(if v.abs() >= json::INFINITE { v.signum() * f64::INFINITY } else { v })
-        }
-    }
-}
-
-fn text<'a>(value: &'a Value, pointer: &str) -> &'a str {
-    value.pointer(pointer).and_then(Value::as_str).unwrap_or_default()
-}
-
-fn list<'a>(value: &'a Value, pointer: &str) -> &'a [Value] {
-    value.pointer(pointer).and_then(Value::as_array).map_or(&[], Vec::as_slice)
-}
-
-fn is_true(value: &Value, pointer: &str) -> bool {
-    value.pointer(pointer).and_then(Value::as_bool).unwrap_or(false)
-}
 
 /// Reads a lens.
 ///
@@ -83,6 +59,7 @@ pub fn parse(bytes: &[u8], glasses: &GlassLibrary, options: &ReadOptions) -> Res
     }
     let positions: Result<Vec<f64>, _> = surfaces.iter().map(|s| number(s, "/geometry/cs/z", 0.0)).collect();
     let positions = positions?;
+    let places = places(surfaces)?;
     for (i, surface) in surfaces.iter().enumerate() {
         let next = positions.get(i + 1).copied().unwrap_or(positions[i]);
         let place = |e: LensFileError| match e {
@@ -91,6 +68,9 @@ pub fn parse(bytes: &[u8], glasses: &GlassLibrary, options: &ReadOptions) -> Res
         };
         let mut read = read_surface(surface, &glasses, &mut draft.notes).map_err(place)?;
         read.thickness_mm = next - positions[i];
+        if let Some(places) = places.as_ref().filter(|_| i > 0) {
+            (read.place, read.thickness_mm) = (Some(places[i - 1]), 0.0);
+        }
         if i > 0 {
             let drawn = format!("/lenscube/semi_diameters_mm/{}", i - 1);
             read.semi_diameter_mm = number(&file, &drawn, 0.0)?;
@@ -131,11 +111,6 @@ fn read_surface(
     glasses: &GlassLibrary,
     notes: &mut Vec<String>,
 ) -> Result<DraftSurface, LensFileError> {
-    for axis in ["x", "y", "rx", "ry"] {
-        if number(surface, &format!("/geometry/cs/{axis}"), 0.0)? != 0.0 {
-            return Err(incomplete("has a tilt or decentre: the lens must be rotationally symmetric"));
-        }
-    }
     let mut draft = DraftSurface::default();
     if is_true(surface, "/is_reflective")
         || surface.pointer("/interaction_model/is_reflective") == Some(&Value::Bool(true))
@@ -147,38 +122,8 @@ fn read_surface(
     let focal = if is_ideal { "/f" } else { "/interaction_model/focal_length" };
     draft.ideal_focal_mm = Some(number(surface, focal, f64::NAN)?).filter(|f| is_ideal || !f.is_nan());
     let geometry = surface.get("geometry").unwrap_or(&Value::Null);
-    let radius = number(geometry, "/radius", f64::INFINITY)?;
-    draft.shape.curvature = if radius == 0.0 || radius.is_infinite() { 0.0 } else { 1.0 / radius };
-    draft.shape.conic = number(geometry, "/conic", 0.0)?;
-    let coefficients = list(geometry, "/coefficients").iter().map(|c| {
-        c.as_f64().ok_or_else(|| incomplete(format!("has an asphere coefficient that is not a number: {c}")))
-    });
-    let coefficients: Vec<f64> = coefficients.collect::<Result<_, _>>()?;
-    match text(geometry, "/type") {
-        "Plane" | "StandardGeometry" | "Standard" => {}
-        "EvenAsphere" => draft.shape.aspheric = coefficients,
-        "OddAsphere" => {
-            draft.shape.odd = coefficients.iter().copied().step_by(2).collect();
-            draft.shape.aspheric = coefficients.iter().copied().skip(1).step_by(2).collect();
-        }
-        other => {
-            let known = "Plane, StandardGeometry, EvenAsphere and OddAsphere";
-            return Err(incomplete(format!(
-                "has a surface of type `{other}`, which is not supported: {known} are"
-            )));
-        }
-    }
-    match surface.get("aperture") {
-        None | Some(Value::Null) => {}
-        Some(aperture) if text(aperture, "/type") == "RadialAperture" => {
-            draft.obscuration_mm = Some(number(aperture, "/r_min", 0.0)?).filter(|r| *r > 0.0);
-            draft.clear_mm = Some(number(aperture, "/r_max", f64::INFINITY)?).filter(|r| r.is_finite());
-        }
-        Some(aperture) => {
-            let kind = text(aperture, "/type");
-            return Err(incomplete(format!("has an aperture of type `{kind}`, expected RadialAperture")));
-        }
-    }
+    shape(geometry, &mut draft)?;
+    aperture(surface.get("aperture").unwrap_or(&Value::Null), &mut draft, notes)?;
     if let Some(material) = surface.get("material_post").filter(|m| !m.is_null() && !draft.is_mirror) {
         draft.glass = glass(material, glasses, notes)?;
     }

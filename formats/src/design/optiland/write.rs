@@ -3,7 +3,9 @@
 use super::{OWN, film_height_scale, json};
 use crate::design::agf;
 use crate::design::error::LensFileError;
-use crate::design::writing::{GlassForm, Written, catalogues_of, glass_form, surfaces_along_z};
+use crate::design::writing::{
+    GlassForm, Written, catalogues_of, check_symmetry, glass_form, surfaces_along_z,
+};
 use pipeline::design::glass::Glass;
 use pipeline::design::glass_library::maker_of_glass;
 use pipeline::design::model_glass::LINES_UM;
@@ -16,6 +18,7 @@ use serde_json::{Value, json};
 /// # Errors
 /// [`LensFileError::Incomplete`] for an aperture that the format does not have; no first-order properties, for paraxial image heights.
 pub fn write(system: &System) -> Result<Written, LensFileError> {
+    check_symmetry(system)?;
     let mut notes = Vec::new();
     let aperture = match system.aperture {
         Aperture::EntrancePupil(d) => {

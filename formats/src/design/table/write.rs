@@ -2,7 +2,7 @@
 
 use crate::design::error::LensFileError;
 use crate::design::writing::{
-    GlassForm, Written, catalogues_of, glass_form, number, one_line, radius, surfaces_along_z,
+    GlassForm, Written, catalogues_of, check_symmetry, glass_form, number, one_line, radius, surfaces_along_z,
 };
 use pipeline::design::system::{Aperture, FieldKind, Medium, RayAiming, System};
 
@@ -11,6 +11,7 @@ use pipeline::design::system::{Aperture, FieldKind, Medium, RayAiming, System};
 /// # Errors
 /// [`LensFileError::Incomplete`] if the table cannot hold the lens.
 pub fn write(system: &System, own: &str) -> Result<Written, LensFileError> {
+    check_symmetry(system)?;
     let mut written = Written::default();
     let mut line = |cells: &[String]| {
         written.text += cells.join(",").trim_end_matches(',');

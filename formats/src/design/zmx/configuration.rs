@@ -138,8 +138,14 @@ pub(super) fn apply(
             let mm = operand.value()? * scale;
             surface.thickness_mm = if mm >= 1e9 { f64::INFINITY } else { mm };
         }
-        "CRVT" => surface.shape.curvature = operand.value()? / scale,
-        "CONN" => surface.shape.conic = operand.value()?,
+        "CRVT" => {
+            surface.shape.curvature = operand.value()? / scale;
+            surface.free.iter_mut().for_each(|free| free.set_curvature(surface.shape.curvature));
+        }
+        "CONN" => {
+            surface.shape.conic = operand.value()?;
+            surface.free.iter_mut().for_each(|free| free.set_conic(surface.shape.conic));
+        }
         "SDIA" => surface.semi_diameter_mm = operand.value()? * scale,
         _ => {
             let (glass, note) = glass(operand, context)?;

@@ -1,7 +1,9 @@
 //! A surface of a .zmx file.
 
+use super::free::Free;
 use super::keywords::is_harmless_in_surface;
 use super::line::{IGNORED, Line};
+use crate::design::asymmetric::CIRCLE_INSIDE;
 use crate::design::draft::DraftSurface;
 use crate::design::error::LensFileError;
 use crate::design::straight_axis::Break;
@@ -9,6 +11,7 @@ use crate::design::text;
 use pipeline::design::glass::Glass;
 use pipeline::design::glass_library::GlassLibrary;
 use pipeline::design::model_glass::{constant_glass, model_glass};
+use pipeline::design::prescription::asymmetry::{Form, Outline};
 use pipeline::design::shape::Shape;
 
 /// Surface types.
@@ -24,6 +27,8 @@ enum Kind {
     CoordinateBreak,
     /// An ideal thin lens.
     Ideal,
+    /// Without rotational symmetry.
+    Free(Free),
 }
 
 /// A value of a numbered parameter and the line that it is on.
@@ -40,12 +45,17 @@ pub(super) struct Reader {
     kind: Kind,
     draft: DraftSurface,
     parameters: Vec<Parameter>,
-    /// Extra data of extended aspheres: the number of terms, the norm radius, the terms.
+    /// Extra data of extended surfaces: the number of terms, the norm radius, the terms.
     extra: Vec<f64>,
+    /// Centre of its aperture and obscuration, mm.
+    centre_mm: [f64; 2],
 }
 
-/// Highest number of extra data: 120 terms.
-const MAX_EXTRA: usize = 122;
+/// Highest number of extra data: 240 terms.
+const MAX_EXTRA: usize = 242;
+
+/// Highest number of a parameter; extra data are parameters from 13 in some files.
+const MAX_PARAMETER: usize = 12 + MAX_EXTRA;
 
 /// What a surface needs of the system.
 pub(super) struct Context<'a> {
@@ -79,7 +89,7 @@ impl Reader {
             "PARM" => {
                 let (number, value) = (line.value(1)?, line.value(2)?);
                 if value != 0.0 {
-                    let number = number.clamp(0.0, 99.0) as usize;
+                    let number = number.clamp(0.0, MAX_PARAMETER as f64 + 1.0) as usize;
                     self.parameters.push(Parameter { number, value, line: line.number, quote: line.quote() });
                 }
             }
@@ -112,11 +122,13 @@ impl Reader {
                 draft.clear_mm = Some(line.value(2)? * scale);
             }
             "SQAP" | "ELAP" => {
-                // Half widths along x and y.
-                let radius = line.value(1)?.min(line.value(2)?);
+                let half = [line.value(1)?, line.value(2)?];
+                let form = if key == "SQAP" { Form::Rectangle } else { Form::Ellipse };
+                draft.outline = Some(Outline { form, half_mm: half.map(|v| v * scale), centre_mm: [0.0; 2] });
+                let radius = half[0].min(half[1]);
                 draft.clear_mm = Some(radius * scale);
                 return Ok(Some(format!(
-                    "line {}: `{}`: an aperture that is not a circle is replaced by the circle inside it, radius {radius}",
+                    "line {}: `{}`: {CIRCLE_INSIDE}, radius {radius}",
                     line.number,
                     line.quote()
                 )));
@@ -131,14 +143,8 @@ impl Reader {
                     draft.clear_mm = Some(draft.clear_mm.unwrap_or(f64::INFINITY).min(inner * scale));
                 }
             }
-            "OBDC" | "SCBD"
-                if line
-                    .values()
-                    .is_ok_and(|v| v.iter().skip(usize::from(key == "SCBD") * 2).any(|v| *v != 0.0)) =>
-            {
-                return Err(line.error("a tilted or decentred surface or aperture is not supported: the lens must be rotationally symmetric"));
-            }
-            "OBDC" | "SCBD" => {}
+            "OBDC" => self.centre_mm = [line.value(1)? * scale, line.value_or(2, 0.0)? * scale],
+            "SCBD" => self.read_tilt(line, scale)?,
             _ if is_harmless_in_surface(key) => {}
             _ => return Ok(Some(line.ignored())),
         }
@@ -152,6 +158,16 @@ impl Reader {
             text: p.quote.clone(),
             problem: problem.to_owned(),
         };
+        self.move_apertures();
+        if let Kind::Free(free) = self.kind {
+            let parameters = self.parameters.iter().map(|p| (p.number, p.value)).collect::<Vec<_>>();
+            if let Some(p) = self.parameters.iter().find(|p| !free.has_parameter(p.number)) {
+                return Err(error(p, "a parameter that this surface type does not have"));
+            }
+            let shape = free.shape(&self.draft.shape, &parameters, &self.extra, scale);
+            free.give(&mut self.draft, shape.map_err(|problem| LensFileError::Incomplete { problem })?);
+            return Ok(self.draft);
+        }
         let shape = &mut self.draft.shape;
         let mut tilts = Break::default();
         for p in &self.parameters {
@@ -196,10 +212,55 @@ impl Reader {
             extended_terms(self.kind, &self.extra, scale, shape)?;
         }
         if self.kind == Kind::CoordinateBreak {
+            if self.draft.coordinate_break.is_some() || self.draft.break_behind.is_some() {
+                let problem = "has a coordinate break (COORDBRK) that is tilted or decentred itself (SCBD)";
+                return Err(LensFileError::Incomplete { problem: problem.to_owned() });
+            }
             self.draft.keeps_medium = true;
             self.draft.coordinate_break = Some(tilts);
         }
         Ok(self.draft)
+    }
+}
+
+impl Reader {
+    /// Reads the tilt and decentre of the surface, before it (1) or behind it (2): order, what it is a pickup of (the saved values hold), decentres, tilts.
+    /// A coordinate return (3) is solved in the parameters of its coordinate break.
+    fn read_tilt(&mut self, line: &Line<'_>, scale: f64) -> Result<(), LensFileError> {
+        let side = line.value(1)?;
+        if side == 3.0 {
+            return Ok(());
+        }
+        let mut v = [0.0; 5];
+        for (i, v) in v.iter_mut().enumerate() {
+            *v = line.value_or(i + 4, 0.0)?;
+        }
+        let [x, y, ax, ay, az] = v;
+        let tilts_first = line.value_or(2, 0.0)? != 0.0;
+        let decentre_mm = [x * scale, y * scale, 0.0];
+        let found = (v != [0.0; 5]).then_some(Break { decentre_mm, tilt_deg: [ax, ay, az], tilts_first });
+        match side {
+            1.0 => self.draft.coordinate_break = found,
+            2.0 => self.draft.break_behind = found,
+            _ => {
+                return Err(line.error(
+                    "expected a tilt before the surface (1), behind it (2) or a coordinate return (3)",
+                ));
+            }
+        }
+        Ok(())
+    }
+
+    /// Moves the aperture and the obscuration to their centre; discs beside the vertex are no longer those of a symmetric lens.
+    fn move_apertures(&mut self) {
+        let (draft, centre_mm) = (&mut self.draft, self.centre_mm);
+        if centre_mm == [0.0; 2] {
+            return;
+        }
+        let disc = |radius: f64| Outline { centre_mm, ..Outline::disc(radius) };
+        let clear = draft.clear_mm.take().map(disc);
+        draft.outline = draft.outline.map(|o| Outline { centre_mm, ..o }).or(clear);
+        draft.hidden = draft.obscuration_mm.take().map(disc);
     }
 }
 
@@ -222,7 +283,7 @@ fn extended_terms(kind: Kind, extra: &[f64], scale: f64, shape: &mut Shape) -> R
 }
 
 fn kind(line: &Line<'_>) -> Result<Kind, LensFileError> {
-    let symmetric = "lenscube traces rotationally symmetric lenses of types STANDARD, EVENASPH, ODDASPHE, XASPHERE, XODDASPH and PARAXIAL";
+    let known = "STANDARD, EVENASPH, ODDASPHE, XASPHERE, XODDASPH, COORDBRK, PARAXIAL, BICONICX, TOROIDAL, XPOLYNOM, POLYNOMI, SZERNSAG, FZERNSAG and TILTSURF are";
     match line.words.get(1) {
         Some(&"STANDARD") => Ok(Kind::Standard),
         Some(&"EVENASPH") => Ok(Kind::EvenAsphere),
@@ -231,7 +292,10 @@ fn kind(line: &Line<'_>) -> Result<Kind, LensFileError> {
         Some(&"XODDASPH") => Ok(Kind::ExtendedOddAsphere),
         Some(&"COORDBRK") => Ok(Kind::CoordinateBreak),
         Some(&"PARAXIAL") => Ok(Kind::Ideal),
-        Some(kind) => Err(line.error(format!("surface type {kind} is not supported: {symmetric}"))),
+        Some(kind) => match Free::of(kind) {
+            Some(free) => Ok(Kind::Free(free)),
+            None => Err(line.error(format!("surface type {kind} is not supported: {known}"))),
+        },
         None => Err(line.error("expected a surface type")),
     }
 }

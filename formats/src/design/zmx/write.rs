@@ -2,7 +2,7 @@
 
 use crate::design::error::LensFileError;
 use crate::design::writing::{
-    GlassForm, Written, catalogues_of, glass_form, number, one_line, surfaces_along_z,
+    GlassForm, Written, catalogues_of, check_symmetry, glass_form, number, one_line, surfaces_along_z,
 };
 use pipeline::design::shape::Shape;
 use pipeline::design::system::{Aperture, FieldKind, Medium, RayAiming, Surface, System};
@@ -12,6 +12,7 @@ use pipeline::design::system::{Aperture, FieldKind, Medium, RayAiming, Surface, 
 /// # Errors
 /// [`LensFileError::Incomplete`] if the format cannot hold the lens.
 pub fn write(system: &System, own: &str) -> Result<Written, LensFileError> {
+    check_symmetry(system)?;
     let (catalogues, catalogue) = catalogues_of(system, own)?;
     let mut text = format!(
         "VERS 140124 258 36214\nMODE SEQ\nNAME {}\nUNIT MM X W X CM MR CPMM\n",
