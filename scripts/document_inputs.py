@@ -23,6 +23,13 @@ def cube(bands=len(NM), px=PX):
     return np.random.default_rng(5).random((px, px, bands), np.float32)
 
 
+def tilted_film(path):
+    """The design with its film tilted by 2 degrees."""
+    before, image = DESIGN.read_text().rsplit("SURF ", 1)
+    number, rest = image.split("\n", 1)
+    Path(path).write_text(f"{before}SURF {number}\n  TYPE COORDBRK\n  PARM 3 2\n  DISZ 0\nSURF {int(number) + 1}\n{rest}")
+
+
 def few(bands):
     """A cube of `bands` bands from 450 nm in steps of 50 nm, as (wavelength, y, x)."""
     return np.moveaxis(cube(bands), 2, 0), 450 + 50.0 * np.arange(bands)
@@ -162,6 +169,7 @@ MAKERS = {
     "render.exr": depth_exr,
     "behind.zarr": behind,
     "MY.zmx": lambda path, _: shutil.copy(DESIGN, path),
+    "TILTED.zmx": lambda path, _: tilted_film(path),
     "tol.toml": lambda path, _: path.write_text(TOLERANCES),
     "tables": lambda path, _: shutil.copytree(ROOT / "formats/data/tables-example", path),
 }
@@ -182,7 +190,7 @@ PAGES = {
     "clusters.md": ["chart.zarr"],
     "depth.md": ["scene.zarr", "MY.zmx", "render.exr", "depth.npy", "behind.zarr"],
     "films.md": ["chart.zarr"],
-    "lenses.md": ["MY.zmx", "chart.zarr", "tables"],
+    "lenses.md": ["MY.zmx", "TILTED.zmx", "chart.zarr", "tables"],
     "light.md": ["chart.zarr"],
     "scenes.md": ["room.glb"],
     "tolerances.md": ["chart.zarr", "tol.toml", "MY.zmx"],

@@ -1,5 +1,6 @@
 //! `lenscube lens trace | show | diff`, and runs whose lens is a design.
 
+mod asymmetric;
 mod built;
 mod coatings;
 mod commands;

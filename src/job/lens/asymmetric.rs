@@ -1,6 +1,8 @@
 //! A design traced over the area of a film: as built, with manufacturing errors, or without rotational symmetry by design.
 
 use super::drawn::DrawnLens;
+use crate::failure::usage;
+use anyhow::Result;
 use pipeline::design::System;
 use pipeline::design::skew::error::SkewError;
 use pipeline::design::skew::system::BuiltLens;
@@ -17,12 +19,15 @@ impl AsymmetricLens {
     /// The straightened lens of `system`, whose first-order figures hold, and the lens itself if it has no symmetry.
     ///
     /// # Errors
-    /// Parts that such lenses do not have; a film that no chief ray reaches.
-    pub fn of_design(system: System) -> Result<(System, Option<Self>), SkewError> {
+    /// Usage: parts that such lenses do not have; a film that no chief ray reaches.
+    pub fn of_design(system: System) -> Result<(System, Option<Self>)> {
         match system.asymmetry {
             None => Ok((system, None)),
             Some(_) => {
-                let lens = BuiltLens::of_design(&system)?;
+                let lens = BuiltLens::of_design(&system).map_err(|e| match e {
+                    SkewError::Unsupported { .. } => usage(e.to_string()),
+                    other => other.into(),
+                })?;
                 Ok((system.straightened(), Some(Self::Design(Box::new(lens)))))
             }
         }

@@ -20,9 +20,7 @@ pub enum SkewError {
         problem: String,
     },
     /// A part of the design that lenses without symmetry do not have.
-    #[error(
-        "surface {surface} has {part}, which is not supported in lenses without rotational symmetry; remove it, or trace the lens without tolerances"
-    )]
+    #[error("surface {surface} has {part}, which is not supported in lenses without rotational symmetry")]
     Unsupported {
         /// Number of the surface, from 1.
         surface: usize,

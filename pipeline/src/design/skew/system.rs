@@ -405,7 +405,7 @@ fn check_parts(design: &System) -> Result<(), SkewError> {
     for (i, s) in design.surfaces.iter().enumerate() {
         let unsupported = |part| Err(SkewError::Unsupported { surface: i + 1, part });
         if s.coating.is_some() {
-            return unsupported("a coating");
+            return unsupported("a coating (`--coatings ideal` leaves coatings out)");
         }
         if s.ideal_focal_mm.is_some() {
             return unsupported("an ideal lens");
