@@ -17,21 +17,27 @@ use crate::design::prescription::error::DesignError;
 use crate::design::pupil::PupilNode;
 use crate::design::pupil::openings::zero;
 use crate::design::pupil::quadrature::unit_interval;
+use crate::design::rays::aim::lagrange;
 use crate::real;
 
 /// Angles at which the rim is determined.
 const ANGLES: usize = 96;
-/// Points of a side of the scan for the centre; finer if no point is open.
-const SCANS: [usize; 3] = [17, 65, 257];
+/// Points of a side of the scan for the centre; finer if no point is open. Any centre from which all of the domain is seen has the same
+/// integrals.
+const SCANS: [usize; 4] = [9, 17, 65, 257];
 /// Minimum open area of the pupil, of π.
 const MIN_AREA: f64 = 1e-6;
 /// Maximum of corners between two angles: more are numerical noise where two apertures coincide.
 const MAX_CORNERS: usize = 4;
-/// Bisections of the angle of a corner between two rims: to 4e-6 rad; the error of an integral is of second order in it.
-const CORNER_STEPS: usize = 14;
-/// Accuracy of a rim, in its overshoot and in pupil coordinates: in general, and to find only the surface that limits it.
+/// Bisections of the angle of a corner between two rims: to 3e-5 rad; the error of an integral is of second order in it.
+const CORNER_STEPS: usize = 11;
+/// Accuracy of a rim, in its overshoot and in pupil coordinates: in general, and to find only the surface that limits it, between two angles of
+/// the scan and at a corner.
 const RIM: f64 = 1e-9;
 const RIM_IN_SCAN: f64 = 1e-4;
+const RIM_AT_CORNER: f64 = 1e-6;
+/// Rims before one that it is extrapolated from.
+const FOLLOWED: usize = 3;
 
 /// An interval of θ with one rim.
 #[derive(Clone, Copy, Debug, PartialEq)]
@@ -71,14 +77,10 @@ impl OpenSegment {
             return vec![1.0; angles.len()];
         }
         let domain = Domain { tracer, t, is_hidden: self.sign < 0.0, centre: self.centre };
-        let mut near = None;
-        let radius = |theta: &f64| {
-            let r = match (self.limit, near) {
-                (Some(_), Some(near)) => domain.clipped_rim(*theta, near, RIM).0,
-                _ => domain.rim(*theta, near, RIM).0,
-            };
-            near = Some(r);
-            r
+        let mut followed = Followed::default();
+        let radius = |theta: &f64| match self.limit {
+            None => domain.rim(*theta, None, RIM).0,
+            Some(_) => domain.followed_rim(*theta, &mut followed, RIM).0,
         };
         angles.iter().map(radius).collect()
     }
@@ -159,6 +161,23 @@ fn segment_angles(segment: &OpenSegment, spokes: usize) -> Vec<(f64, f64)> {
     unit_interval(n).iter().map(|(x, w)| (segment.from + span * x, span * w)).collect()
 }
 
+/// Rims at the angles before, where a surface limits them.
+#[derive(Default)]
+struct Followed {
+    /// Angle and radius.
+    rims: Vec<(f64, f64)>,
+    /// Change of the overshoot with the radius at the last one.
+    slope: Option<f64>,
+}
+
+impl Followed {
+    /// The rim at `theta` as the polynomial through those before.
+    fn next(&self, theta: f64) -> Option<f64> {
+        let first = self.rims.len().saturating_sub(FOLLOWED);
+        (!self.rims.is_empty()).then(|| lagrange(&self.rims[first..], theta))
+    }
+}
+
 /// A domain of the pupil: the points where the overshoot is not positive.
 #[derive(Clone, Copy)]
 struct Domain<'a> {
@@ -195,12 +214,20 @@ impl Domain<'_> {
     /// The segments between the corners of the rim.
     fn segments(&self) -> Vec<OpenSegment> {
         let angle = |i: usize| TAU * i as f64 / ANGLES as f64 - PI;
-        let mut near = None;
+        let mut followed = Followed::default();
         let rims: Vec<(f64, Option<usize>)> = (0..=ANGLES)
             .map(|i| {
-                let rim = self.rim(angle(i), near, RIM_IN_SCAN);
-                near = Some(rim.0);
-                rim
+                if followed.rims.is_empty() {
+                    let rim = self.rim(angle(i), None, RIM_IN_SCAN);
+                    followed.rims.extend(rim.1.map(|_| (angle(i), rim.0)));
+                    return rim;
+                }
+                let (r, surface) = self.followed_rim(angle(i), &mut followed, RIM_IN_SCAN);
+                if r < self.unit_circle(angle(i)) * (1.0 - RIM_IN_SCAN) {
+                    return (r, Some(surface));
+                }
+                followed = Followed::default();
+                self.rim(angle(i), None, RIM_IN_SCAN)
             })
             .collect();
         let (mut segments, mut from) = (Vec::new(), -PI);
@@ -222,7 +249,7 @@ impl Domain<'_> {
                 let (mut b, mut next) = (angle(i), rims[i].1);
                 for _ in 0..CORNER_STEPS {
                     let mid = 0.5 * (a + b);
-                    let rim = self.rim(mid, Some(near), RIM);
+                    let rim = self.rim(mid, Some(near), RIM_AT_CORNER);
                     near = rim.0;
                     if rim.1 == limit { a = mid } else { (b, next) = (mid, rim.1) }
                 }
@@ -257,6 +284,38 @@ impl Domain<'_> {
         let near = near.filter(|r| *r > 0.0 && *r < edge).unwrap_or(edge / (1.0 + outer.0).sqrt());
         let (r, surface) = self.clipped_rim(theta, near, tolerance);
         (r, Some(surface))
+    }
+
+    /// [`Domain::clipped_rim`] from those of the angles before: by two steps of the secant method where they are good enough.
+    fn followed_rim(&self, theta: f64, followed: &mut Followed, tolerance: f64) -> (f64, usize) {
+        let (s, c) = real::sin_cos(theta);
+        let along = |r: f64| self.over(self.centre[0] + r * c, self.centre[1] + r * s);
+        let edge = self.unit_circle(theta);
+        let inside = |r: f64| r > 0.0 && r < edge;
+        let guess = followed.next(theta).filter(|r| inside(*r)).unwrap_or(edge / 2.0_f64.sqrt());
+        let (over, surface) = along(guess);
+        // About as r²/B² − 1.
+        let slope = followed.slope.unwrap_or(2.0 * (1.0 + over) / guess);
+        let step = -over / slope;
+        let secant = |next: f64| {
+            let (over_next, limit) = along(next);
+            let slope = (over_next - over) / step;
+            let last = -over_next / slope;
+            // The error of the secant method is about the product of the two steps before.
+            let is_found = limit == surface && slope > 0.0 && (step * last).abs() < tolerance;
+            Some((next + last, slope)).filter(|(r, _)| is_found && inside(*r))
+        };
+        let found = match over.abs() < tolerance {
+            true => Some((guess, slope)),
+            false => Some(guess + step).filter(|next| inside(*next)).and_then(secant),
+        };
+        let (rim, slope) = match found {
+            Some((r, slope)) => ((r, surface), Some(slope)),
+            None => (zero(&along, (0.0, edge), guess, None, tolerance), None),
+        };
+        followed.slope = slope;
+        followed.rims.push((theta, rim.0));
+        rim
     }
 
     /// B(θ) where a surface limits it, and that surface, from `near`.
