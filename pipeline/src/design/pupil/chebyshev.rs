@@ -5,7 +5,7 @@ use std::f64::consts::PI;
 use crate::real;
 
 /// Chebyshev points of the first kind on [a, b], ascending.
-pub(super) fn chebyshev(n: usize, a: f64, b: f64) -> Vec<f64> {
+pub(in crate::design) fn chebyshev(n: usize, a: f64, b: f64) -> Vec<f64> {
     let x = |i: usize| -real::cos(PI * (i as f64 + 0.5) / n as f64);
     (0..n).map(|i| a + (b - a) * 0.5 * (1.0 + x(i))).collect()
 }

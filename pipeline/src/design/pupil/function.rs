@@ -20,7 +20,7 @@ use crate::design::rays::ray::{ImageRay, Tracer};
 /// Maximum error of the interpolated phase, rad, and relative error of the amplitude.
 const SMOOTH_TOLERANCE: f64 = 1e-5;
 /// Maximum half-width of a window for the phase tolerance, µm: 401 film pixels of 2 µm.
-pub(super) const MAX_REACH_UM: f64 = 401.0;
+pub(in crate::design) const MAX_REACH_UM: f64 = 401.0;
 
 /// Points that a direction begins with (ρ, θ), and those from which on it is not refined; twice as many in θ for more than a half circle.
 const POINTS: [(usize, usize); 2] = [(12, 14), (60, 70)];

@@ -3,19 +3,19 @@
 //! Per band: the map ([`super::trace_map`]); heights r_k and azimuth counts J_k of the nodes, those of the nominal lens if they are good
 //! enough (`nodes`); one window that holds its share of the light at 6 heights × 8 azimuths; the azimuths A_k at which the PSFs of a height
 //! are stored (`azimuths`); then PSF (k, a), of the film place at r_k and φ = 2πa/A_k (from +X towards +Y, down), seen in the frame that is
-//! turned by φ: its pupil function is turned, not the image.
+//! turned by φ: its pupil function is turned, not the image. Pupil functions are interpolated between traced places (`smooth`).
 //! Solid angle: G at the film's centre. The same bits for any number of threads: each PSF is summed by one thread in a fixed order.
 //! Left out: tails, losses of coatings (a design that has coatings is refused).
 
 mod azimuths;
+mod band_limited;
 mod functions;
 mod kernels;
 mod nodes;
 mod nominal;
+mod smooth;
 
 pub use nominal::NominalNodes;
-
-use std::f64::consts::TAU;
 
 use rayon::prelude::*;
 
@@ -34,12 +34,13 @@ use crate::design::tables::trace::{
 use crate::design::tables::window::{Windows, core_samples, half_samples, search};
 use crate::lens::planar::{PlanarBand, PsfPlaces};
 use crate::lens::{Lens, LensBand, PsfSample, PsfStack};
+use band_limited::azimuth_of;
 use functions::Functions;
 use kernels::Views;
 use nominal::Nominal;
 
 /// Incremented when the results for the same lens and options change.
-pub const SKEW_VERSION: u32 = 1;
+pub const SKEW_VERSION: u32 = 2;
 
 /// Heights, from the axis on, and azimuths at which the window is determined.
 const WINDOW_HEIGHTS: usize = 6;
@@ -96,7 +97,8 @@ impl<'a> SkewTrace<'a> {
         let tracer = SkewTracer::new(self.lens, nm / 1e3)?;
         report("map", 0);
         let traced = trace_map(&tracer, self.film, MAP_TOLERANCE_PX * 1e-3 * options.film_pitch_um)?;
-        let mut functions = Functions::new(&tracer);
+        let last = nominal.chosen.heights[nominal.chosen.heights.len() - 1];
+        let mut functions = Functions::new(&tracer, last);
         let Sampling { windows, pitch_um } = self.sampling(&mut functions, &nominal, &mut report)?;
         let film_um = options.film_pitch_um;
         let (core_half, core_pitch_um) = core_samples(windows.core_px, film_um, pitch_um);
@@ -153,7 +155,7 @@ impl<'a> SkewTrace<'a> {
     ) -> Result<Sampling, SkewError> {
         let last = nominal.chosen.heights[nominal.chosen.heights.len() - 1];
         let height = |i: usize| last * i as f64 / (WINDOW_HEIGHTS - 1) as f64;
-        let azimuth = |i: usize| TAU * i as f64 / WINDOW_AZIMUTHS as f64;
+        let azimuth = |i: usize| azimuth_of(i, WINDOW_AZIMUTHS);
         let places: Vec<(f64, f64)> = (0..WINDOW_HEIGHTS)
             .flat_map(|k| {
                 let azimuths = if k == 0 { 1 } else { WINDOW_AZIMUTHS };
@@ -199,7 +201,7 @@ struct Sampling {
 fn rows(heights: &[f64], azimuth_samples: &[usize]) -> Vec<(f64, f64)> {
     let places = |(h, count): (&f64, &usize)| {
         let (h, count) = (*h, *count);
-        (0..count).map(move |a| (h, TAU * a as f64 / count as f64))
+        (0..count).map(move |a| (h, azimuth_of(a, count)))
     };
     heights.iter().zip(azimuth_samples).flat_map(places).collect()
 }

@@ -5,10 +5,10 @@ use std::collections::BTreeMap;
 use rayon::prelude::*;
 
 use super::super::error::SkewError;
-use super::super::pupil::pupil_function;
+use super::super::pupil::turned_pupil_function;
 use super::super::trace::SkewTracer;
+use super::smooth::{Row, Smooth};
 use crate::design::pupil::function::PupilFunction;
-use crate::real;
 
 /// Height [mm] and azimuth [rad] of a place, as bits, which are ordered.
 type Key = (u64, u64);
@@ -20,12 +20,15 @@ fn key((height_mm, azimuth_rad): (f64, f64)) -> Key {
 /// Pupil functions by place: height, mm, and azimuth from +X towards +Y (down), rad.
 pub(super) struct Functions<'a> {
     tracer: &'a SkewTracer<'a>,
+    /// Interpolation between traced places; none: each is traced.
+    smooth: Option<Smooth>,
     known: BTreeMap<Key, PupilFunction>,
 }
 
 impl<'a> Functions<'a> {
-    pub(super) fn new(tracer: &'a SkewTracer<'a>) -> Self {
-        Self { tracer, known: BTreeMap::new() }
+    /// Of places up to the height `last_mm`.
+    pub(super) fn new(tracer: &'a SkewTracer<'a>, last_mm: f64) -> Self {
+        Self { tracer, smooth: Smooth::new(tracer, last_mm), known: BTreeMap::new() }
     }
 
     /// Makes those of `places` available.
@@ -33,20 +36,19 @@ impl<'a> Functions<'a> {
         let mut missing: Vec<Key> = places.map(key).filter(|k| !self.known.contains_key(k)).collect();
         missing.sort_unstable();
         missing.dedup();
-        let traced = missing
-            .into_par_iter()
-            .map(|k| Ok((k, self.trace((f64::from_bits(k.0), f64::from_bits(k.1)))?)))
-            .collect::<Result<Vec<_>, SkewError>>()?;
-        self.known.extend(traced);
+        let found = match &self.smooth {
+            Some(smooth) => interpolated(smooth, missing),
+            None => missing
+                .into_par_iter()
+                .map(|k| Ok((k, self.trace((f64::from_bits(k.0), f64::from_bits(k.1)))?)))
+                .collect::<Result<Vec<_>, SkewError>>()?,
+        };
+        self.known.extend(found);
         Ok(())
     }
 
     fn trace(&self, place: (f64, f64)) -> Result<PupilFunction, SkewError> {
-        let (height_mm, azimuth_rad) = place;
-        let (sin, cos) = real::sin_cos(azimuth_rad);
-        let nearby = self.nearby(height_mm);
-        let function = pupil_function(self.tracer, [height_mm * cos, height_mm * sin], nearby)?;
-        Ok(function.turned(-azimuth_rad))
+        turned_pupil_function(self.tracer, place, self.nearby(place.0))
     }
 
     /// A function of the next lower height that is known, which needs no more rays than this one.
@@ -63,4 +65,16 @@ impl<'a> Functions<'a> {
     pub(super) fn into_functions(mut self, places: &[(f64, f64)]) -> Vec<PupilFunction> {
         places.iter().filter_map(|place| self.known.remove(&key(*place))).collect()
     }
+}
+
+/// The functions of ascending `places`.
+fn interpolated(smooth: &Smooth, places: Vec<Key>) -> Vec<(Key, PupilFunction)> {
+    let mut heights: Vec<u64> = places.iter().map(|k| k.0).collect();
+    heights.dedup();
+    let rows: Vec<Row<'_>> = heights.par_iter().map(|h| smooth.row(f64::from_bits(*h))).collect();
+    let function = |k: Key| {
+        let row = &rows[rows.partition_point(|row| row.height_mm().to_bits() < k.0)];
+        (k, row.function(f64::from_bits(k.1)))
+    };
+    places.into_par_iter().map(function).collect()
 }
