@@ -192,3 +192,60 @@ impl FilmBundle {
         Ok(Self { rays, rims: rims.into_iter().map(|(_, rim)| rim).collect() })
     }
 }
+
+/// Rays of a field and one wavelength.
+pub(super) struct ColourBundle {
+    /// Wavelength, µm.
+    pub(super) wavelength_um: f64,
+    /// Weight of the wavelength.
+    pub(super) weight: f64,
+    /// Whether it is the primary wavelength.
+    pub(super) is_primary: bool,
+    /// The rays.
+    pub(super) bundle: FilmBundle,
+}
+
+/// Rays of one field of all wavelengths.
+pub(super) struct FieldBundles {
+    /// Place of the field on the film, mm.
+    pub(super) place: [f64; 2],
+    /// Slopes of the primary wavelength's chief ray behind the lens.
+    pub(super) slopes: [f64; 2],
+    /// By wavelength.
+    pub(super) colours: Vec<ColourBundle>,
+}
+
+impl FieldBundles {
+    /// Traces `field` with the rays of [`FilmBundle::trace`].
+    pub(super) fn trace(colours: &Colours<'_>, field: &Field, rays: [usize; 3]) -> Result<Self, SkewError> {
+        let chief = colours.primary().ray(field.t, 0.0, 0.0)?;
+        let of_colour = |(i, (tracer, weight)): (usize, &(SkewTracer<'_>, f64))| {
+            Ok(ColourBundle {
+                wavelength_um: tracer.wavelength_um,
+                weight: *weight,
+                is_primary: colours.is_primary(i),
+                bundle: FilmBundle::trace(tracer, field, rays)?,
+            })
+        };
+        let bundles = colours.tracers.iter().enumerate().map(of_colour);
+        Ok(Self {
+            place: field.place,
+            slopes: [chief.l.v / chief.n, chief.m.v / chief.n],
+            colours: bundles.collect::<Result<_, SkewError>>()?,
+        })
+    }
+
+    /// The rays at a film that is shifted along its normal by `shift_mm`, about the place of the chief ray there: with its slopes s and
+    /// direction cosines L, M, N of a ray, its place changes by (slopes of the ray − s) dz, and W by (N + L sx + M sy) dz.
+    pub(super) fn move_film(&mut self, shift_mm: f64) {
+        let [sx, sy] = self.slopes;
+        let rays = |b: &mut FilmBundle| {
+            b.rays.iter_mut().chain(b.rims.iter_mut().flatten().flatten()).for_each(|r| {
+                let ([x, y], [l, m]) = (r.slopes(), r.cosines);
+                r.at_mm = [r.at_mm[0] + shift_mm * (x - sx), r.at_mm[1] + shift_mm * (y - sy)];
+                r.wavefront_mm += shift_mm * (r.n + l * sx + m * sy);
+            });
+        };
+        self.colours.iter_mut().for_each(|c| rays(&mut c.bundle));
+    }
+}
