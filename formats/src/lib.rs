@@ -64,6 +64,7 @@ pub mod scene;
 pub mod sensor;
 mod shard;
 mod toml_error;
+mod toml_table;
 
 #[cfg(test)]
 #[path = "../tests/bombs/mod.rs"]

@@ -2,8 +2,7 @@
 //!
 //! | module | content |
 //! |---|---|
-//! | `table` | the tables of a description: keys, numbers, limits, with the line of each |
-//! | `read`, `settings` | the entries of a description; what is compensated and judged |
+//! | `read`, `limits`, `settings` | the entries of a description; limits and laws; what is compensated and judged |
 //! | `write` | the text of a description |
 //! | `record` | drawn values as rows |
 //! | [`import`](mod@import) | TOL lines of .zmx files |
@@ -54,10 +53,10 @@
 
 mod error;
 pub mod import;
+mod limits;
 mod read;
 mod record;
 mod settings;
-mod table;
 #[cfg(test)]
 mod tests;
 mod write;

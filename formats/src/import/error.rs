@@ -1,6 +1,7 @@
 //! Errors of an import: file, line, expectation, and the option that helps.
 
 use crate::lens::LensPackError;
+use crate::toml_table::TableError;
 use pipeline::lens::LensError;
 use std::path::{Path, PathBuf};
 use thiserror::Error;
@@ -85,5 +86,14 @@ impl ImportError {
     /// Whether the command line is to be corrected, not the files.
     pub fn is_usage(&self) -> bool {
         matches!(self, Self::MissingOption { .. } | Self::Option { .. })
+    }
+}
+
+impl From<TableError> for ImportError {
+    fn from(TableError { path, line, problem }: TableError) -> Self {
+        match line {
+            Some(line) => Self::Line { path, line, problem },
+            None => Self::File { path, problem },
+        }
     }
 }

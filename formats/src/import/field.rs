@@ -41,7 +41,7 @@
 //!
 //! | module | content |
 //! |---|---|
-//! | `table`, `description`, `map_table` | the TOML text: tables and keys with lines; their meaning |
+//! | `description`, `map_table` | the meaning of the TOML text |
 //! | `arrays`, `fits` | array files |
 //! | `axis` | columns and rows: uniform, in the film frame |
 //! | `windows`, `centre` | PSF windows |
@@ -56,7 +56,6 @@ mod fits;
 mod map;
 mod map_table;
 mod shading;
-mod table;
 mod windows;
 
 use super::{ImportError, text};
@@ -64,7 +63,6 @@ use crate::lens::{LensPackWriter, PackAttributes, ReferencePoint};
 use arrays::Loader;
 use description::{Centre, Description};
 use map_table::MapTable;
-use pipeline::bounds;
 use pipeline::lens::planar::PlanarBand;
 use pipeline::lens::{Lens, LensBand, PsfStack};
 use serde_json::json;
@@ -239,15 +237,4 @@ pub fn write(
         ..PackAttributes::default()
     };
     Ok(writer.finish(&field.lens, &attributes)?)
-}
-
-/// Checks a number of the description `path` at `line`.
-fn check_number(
-    path: &Path,
-    line: usize,
-    name: &str,
-    bound: bounds::Bound,
-    value: f64,
-) -> Result<f64, ImportError> {
-    bound.check(value).map_err(|e| ImportError::line(path, line, format!("{name}: {e}")))
 }

@@ -4,48 +4,15 @@ use std::path::PathBuf;
 
 use pipeline::design::tolerance::ToleranceError;
 
+use crate::toml_table::TableError;
+
 /// A description that cannot be used.
 #[derive(Clone, Debug, thiserror::Error, PartialEq)]
 #[non_exhaustive]
 pub enum ToleranceFileError {
-    /// Not TOML; the message has line and column.
-    #[error("tolerances {}: {message}", .path.display())]
-    Syntax {
-        /// The file.
-        path: PathBuf,
-        /// What is wrong.
-        message: String,
-    },
-    /// A key that is not known.
-    #[error("tolerances {}: line {line}: {table} has no key `{key}`; did you mean `{nearest}`? Keys: {known}", .path.display())]
-    Key {
-        /// The file.
-        path: PathBuf,
-        /// Line of the key.
-        line: usize,
-        /// Its table.
-        table: String,
-        /// The key.
-        key: String,
-        /// The known one that differs in the fewest letters.
-        nearest: &'static str,
-        /// All known ones.
-        known: String,
-    },
-    /// A value that cannot be, or is missing.
-    #[error("tolerances {}: line {line}: {field}: expected {expected}, found {found}", .path.display())]
-    Value {
-        /// The file.
-        path: PathBuf,
-        /// Line of the value, or of its table.
-        line: usize,
-        /// Table and key.
-        field: String,
-        /// What it must be.
-        expected: String,
-        /// What it is.
-        found: String,
-    },
+    /// Not TOML, or an entry that cannot be.
+    #[error("tolerances {0}")]
+    Text(#[from] TableError),
     /// An error that does not fit the lens, or another error.
     #[error("tolerances {}: line {line}: {source}{}", .path.display(), .other_line.map_or(String::new(), |l| format!(" (the other one: line {l})")))]
     Tolerance {

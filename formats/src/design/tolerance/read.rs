@@ -10,8 +10,9 @@ use pipeline::design::tolerance::{
 };
 
 use super::error::ToleranceFileError as Error;
+use super::limits::{law_of, limits};
 use super::settings::{COMPENSATE, CRITERION, compensation, criterion};
-use super::table::{Entry, Source};
+use crate::toml_table::{Entry, Source, TableError};
 
 /// Test wavelength where a description names none: the mercury line e of ISO 10110, nm.
 pub(super) const FRINGE_NM: f64 = 546.1;
@@ -99,7 +100,7 @@ impl ToleranceFile {
         let root = source.root(&tables, ROOT)?;
         let defaults = root.table("tolerances", DEFAULTS)?;
         let default = |key| defaults.as_ref().and_then(|d| d.field(key));
-        let law = default("law").map_or(Ok(Law::default()), |field| field.law())?;
+        let law = default("law").map_or(Ok(Law::default()), |field| law_of(&field))?;
         let fringe_nm = match default("fringe_nm") {
             Some(field) => {
                 Some(field.number()?).filter(|nm| WAVELENGTH_NM.contains(*nm)).ok_or_else(|| {
@@ -162,15 +163,17 @@ impl Found {
     fn entry(
         &mut self,
         entry: &Entry<'_>,
-        read: fn(&mut Self, &Entry<'_>) -> Result<(), Error>,
-    ) -> Result<(), Error> {
+        read: fn(&mut Self, &Entry<'_>) -> Result<(), TableError>,
+    ) -> Result<(), TableError> {
         let before = self.list.len();
         read(self, entry)?;
         if self.list.len() == before {
-            return Err(entry.error("", "an error with its limits", "none"));
+            return Err(entry.error("has no error: expected one with its limits at least"));
         }
         if self.list.len() > MAX_ERRORS {
-            return Err(entry.error("", format!("at most {MAX_ERRORS} errors in the file"), "more"));
+            return Err(
+                entry.error(format!("is one too many: expected at most {MAX_ERRORS} errors in the file"))
+            );
         }
         Ok(())
     }
@@ -181,9 +184,15 @@ impl Found {
     }
 
     /// The error of `key`, if it is there.
-    fn add(&mut self, entry: &Entry<'_>, key: &str, target: Target, quantity: Quantity) -> Result<(), Error> {
+    fn add(
+        &mut self,
+        entry: &Entry<'_>,
+        key: &str,
+        target: Target,
+        quantity: Quantity,
+    ) -> Result<(), TableError> {
         if let Some(field) = entry.field(key) {
-            self.push(target, quantity, field.limits(self.law)?, field.line());
+            self.push(target, quantity, limits(&field, self.law)?, field.line());
         }
         Ok(())
     }
@@ -195,9 +204,9 @@ impl Found {
         [both, x, y, radial]: [&str; 4],
         target: Target,
         quantity: fn(Direction) -> Quantity,
-    ) -> Result<(), Error> {
+    ) -> Result<(), TableError> {
         let flag = entry.field(radial);
-        let is_radial = flag.as_ref().map_or(Ok(false), |field| field.boolean())?;
+        let is_radial = entry.flag(radial)?;
         if let Some(field) = flag.filter(|_| is_radial && entry.field(both).is_none()) {
             return Err(field.error(format!("false, or {both}")));
         }
@@ -211,14 +220,14 @@ impl Found {
         self.add(entry, y, target, quantity(Direction::Y))
     }
 
-    fn add_decentre_and_tilt(&mut self, entry: &Entry<'_>, target: Target) -> Result<(), Error> {
+    fn add_decentre_and_tilt(&mut self, entry: &Entry<'_>, target: Target) -> Result<(), TableError> {
         let decentre = ["decentre_um", "decentre_x_um", "decentre_y_um", "radial"];
         self.add_axes(entry, decentre, target, Quantity::Decentre)?;
         let tilt = ["tilt_arcmin", "tilt_x_arcmin", "tilt_y_arcmin", "tilt_radial"];
         self.add_axes(entry, tilt, target, Quantity::Tilt)
     }
 
-    fn element(&mut self, entry: &Entry<'_>) -> Result<(), Error> {
+    fn element(&mut self, entry: &Entry<'_>) -> Result<(), TableError> {
         let expected = "[first, last], surface numbers";
         let [first, last] = entry.required("surfaces", expected)?.pair(expected)?;
         let (first, last) = (first.index()?, last.index()?);
@@ -236,7 +245,7 @@ impl Found {
         self.add(entry, "shift_um", target, Quantity::Shift)
     }
 
-    fn surface(&mut self, entry: &Entry<'_>) -> Result<(), Error> {
+    fn surface(&mut self, entry: &Entry<'_>) -> Result<(), TableError> {
         let target = Target::Surface(entry.required("surface", "a surface number")?.index()?);
         for (key, unit) in [
             ("radius_percent", RadiusUnit::Percent),
@@ -250,7 +259,7 @@ impl Found {
         self.add_decentre_and_tilt(entry, target)
     }
 
-    fn figure(&mut self, entry: &Entry<'_>, target: Target) -> Result<(), Error> {
+    fn figure(&mut self, entry: &Entry<'_>, target: Target) -> Result<(), TableError> {
         let words =
             [("astigmatism", Some(Figure::Astigmatism)), ("mixed", Some(Figure::Mixed)), ("zernike", None)];
         let (size, terms) = (entry.field("irregularity_fringes"), entry.field("zernike"));
@@ -291,31 +300,31 @@ impl Found {
             return Err(range.error(expected));
         }
         let size = zernike.required("rms_waves", "a number of waves")?;
-        let rms = size.limits(self.law)?;
+        let rms = limits(&size, self.law)?;
         if rms.low != -rms.high {
             return Err(size.error("one number (±)"));
         }
         let each = rms.high / ((last - first + 1) as f64).sqrt();
         for term in first..=last {
-            let limits = Limits::symmetric(each, rms.law);
-            self.push(target, Quantity::Zernike(term as u32), limits, size.line());
+            let one = Limits::symmetric(each, rms.law);
+            self.push(target, Quantity::Zernike(term as u32), one, size.line());
         }
         Ok(())
     }
 
-    fn gap(&mut self, entry: &Entry<'_>) -> Result<(), Error> {
+    fn gap(&mut self, entry: &Entry<'_>) -> Result<(), TableError> {
         let after = entry.required("after", "the number of the surface before the gap")?.index()?;
         let absorb = entry.field("absorb").map(|field| field.index()).transpose()?;
         self.add(entry, "thickness_um", Target::Gap { after, absorb }, Quantity::Thickness)
     }
 
-    fn glass(&mut self, entry: &Entry<'_>) -> Result<(), Error> {
+    fn glass(&mut self, entry: &Entry<'_>) -> Result<(), TableError> {
         let after = entry.required("after", "the number of the surface before the glass")?.index()?;
         self.add(entry, "index", Target::Glass(after), Quantity::Index)?;
         self.add(entry, "abbe_percent", Target::Glass(after), Quantity::Abbe)
     }
 
-    fn film(&mut self, entry: &Entry<'_>) -> Result<(), Error> {
+    fn film(&mut self, entry: &Entry<'_>) -> Result<(), TableError> {
         self.add_decentre_and_tilt(entry, Target::Film)?;
         self.add(entry, "shift_um", Target::Film, Quantity::Shift)
     }

@@ -2,8 +2,7 @@
 
 use pipeline::design::tolerance::{Boresight, Compensation, Criterion, CriterionFields, CriterionKind};
 
-use super::error::ToleranceFileError as Error;
-use super::table::{Entry, Field};
+use crate::toml_table::{Entry, Field, TableError};
 
 /// Most places of a criterion.
 const MAX_PLACES: usize = 1000;
@@ -11,7 +10,7 @@ const MAX_PLACES: usize = 1000;
 pub(super) const COMPENSATE: &[&str] = &["focus_um", "focus", "film_tilt", "boresight"];
 pub(super) const CRITERION: &[&str] = &["kind", "frequency_per_mm", "fields"];
 
-pub(super) fn compensation(entry: &Entry<'_>) -> Result<Compensation, Error> {
+pub(super) fn compensation(entry: &Entry<'_>) -> Result<Compensation, TableError> {
     let mut found = Compensation::default();
     if let Some(field) = entry.field("focus_um") {
         let expected = "[low, high] in µm, the lower one first";
@@ -39,7 +38,7 @@ pub(super) fn compensation(entry: &Entry<'_>) -> Result<Compensation, Error> {
     Ok(found)
 }
 
-pub(super) fn criterion(entry: &Entry<'_>) -> Result<Criterion, Error> {
+pub(super) fn criterion(entry: &Entry<'_>) -> Result<Criterion, TableError> {
     let mut found = Criterion::default();
     if let Some(field) = entry.field("kind") {
         found.kind = field.word(&[
@@ -72,7 +71,7 @@ pub(super) fn criterion(entry: &Entry<'_>) -> Result<Criterion, Error> {
     Ok(found)
 }
 
-fn place(field: &Field<'_>) -> Result<[f64; 2], Error> {
+fn place(field: &Field<'_>) -> Result<[f64; 2], TableError> {
     let [x, y] = field.pair("[x_mm, y_mm]")?;
     Ok([x.number()?, y.number()?])
 }

@@ -255,7 +255,7 @@ fn what_cannot_be_read_names_its_line() {
         ),
         (
             "\n[[element]]\ndecentre_um = 3\n",
-            "line 2: [[element]] surfaces: expected [first, last], surface numbers, found nothing",
+            "line 2: [[element]] has no key `surfaces`: expected [first, last], surface numbers",
         ),
         (
             "[[element]]\nsurfaces = 3\n",
@@ -271,7 +271,7 @@ fn what_cannot_be_read_names_its_line() {
         ),
         (
             "\n\n[[element]]\nsurfaces = [1, 2]\n",
-            "line 3: [[element]]: expected an error with its limits, found none",
+            "line 3: [[element]] has no error: expected one with its limits at least",
         ),
         (
             "[[element]]\nsurfaces = [1, 2]\nradial = true\nshift_um = 1\n",
@@ -299,7 +299,7 @@ fn what_cannot_be_read_names_its_line() {
         ),
         (
             "[[element]]\nsurfaces = [1, 2]\nshift_um = { law = \"uniform\" }\n",
-            "line 3: [[element]] shift_um limits: expected [low, high] or a number, found nothing",
+            "line 3: [[element]] shift_um has no key `limits`: expected [low, high] or a number",
         ),
         (
             "[[element]]\nsurfaces = [1, 2]\nshift_um = { limit = 3 }\n",
@@ -307,7 +307,7 @@ fn what_cannot_be_read_names_its_line() {
         ),
         (
             "[element]\nsurfaces = [1, 2]\n",
-            "line 1: the file element: expected tables headed [[element]], found [element]",
+            "line 1: element: expected tables headed [[element]], found [element]",
         ),
         (
             "[[surface]]\nsurface = 1\nfigure = \"mixed\"\nconic = 1\n",
@@ -327,7 +327,7 @@ fn what_cannot_be_read_names_its_line() {
         ),
         (
             "[[gap]]\nthickness_um = 1\n",
-            "line 1: [[gap]] after: expected the number of the surface before the gap, found nothing",
+            "line 1: [[gap]] has no key `after`: expected the number of the surface before the gap",
         ),
         (
             "[compensate]\nfocus_um = [1, -1]\n",

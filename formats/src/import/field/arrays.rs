@@ -1,9 +1,9 @@
 //! Array files: names in a description, and their samples as f64.
 
 use super::fits;
-use super::table::Field;
 use crate::import::npy::{self, Npy};
 use crate::import::{ImportError, npz, text};
+use crate::toml_table::Field;
 use std::fmt;
 use std::path::{Component, Path, PathBuf};
 
@@ -52,7 +52,7 @@ impl ArrayName {
         let plain =
             Path::new(file).components().all(|c| matches!(c, Component::Normal(_) | Component::CurDir));
         if !plain || file.contains('\0') {
-            return Err(field.error("a file in the folder of the description, or below"));
+            return Err(field.error("a file in the folder of the description, or below").into());
         }
         let kind = kind(Path::new(file));
         let part = match (kind, part) {
@@ -60,9 +60,9 @@ impl ArrayName {
             (Some(Kind::Npz), Some(name)) => Part::Named(name.to_owned()),
             (Some(Kind::Fits), Some(image)) => match image.parse() {
                 Ok(image) => Part::Image(image),
-                Err(_) => return Err(field.error("FILE.fits:IMAGE, the number of an image from 0")),
+                Err(_) => return Err(field.error("FILE.fits:IMAGE, the number of an image from 0").into()),
             },
-            _ => return Err(field.error("a file NAME.npy, NAME.npz:ARRAY or NAME.fits:IMAGE")),
+            _ => return Err(field.error("a file NAME.npy, NAME.npz:ARRAY or NAME.fits:IMAGE").into()),
         };
         Ok(Self { path: path.parent().unwrap_or(Path::new("")).join(file), part })
     }

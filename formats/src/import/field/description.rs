@@ -2,8 +2,8 @@
 
 use super::arrays::ArrayName;
 use super::map_table::{MAP, MapTable, map_table};
-use super::table::{Entry, Field, Source};
 use crate::import::{ImportError, MAX_COUNT};
+use crate::toml_table::{Entry, Field, Source, TableError};
 use pipeline::bounds;
 use pipeline::lens::PsfSample;
 use std::path::Path;
@@ -106,12 +106,11 @@ impl Description {
         let object_distance_mm = root.bounded("object_distance_mm", bounds::GIVEN_DISTANCE_MM)?;
         let magnification = root.bounded("magnification", bounds::MAGNIFICATION)?;
         if object_distance_mm.is_some() != magnification.is_some() {
-            return Err(root.error(
-                "has one of object_distance_mm and magnification, expected both, or none for infinity",
-            ));
+            return Err(root
+                .error("has one of object_distance_mm and magnification, expected both, or none for infinity")
+                .into());
         }
-        let psf =
-            root.required("psf", "expected a table [psf] with files, x_mm, y_mm, pitch_um and sample")?;
+        let psf = root.required("psf", "a table [psf] with files, x_mm, y_mm, pitch_um and sample")?;
         let name = match root.field("name") {
             Some(name) => name.text("a name in quotes")?.to_owned(),
             None => path.file_stem().map_or("lens".into(), |stem| stem.to_string_lossy().into_owned()),
@@ -132,7 +131,7 @@ impl Description {
     }
 }
 
-fn wavelengths(root: &Entry<'_>) -> Result<Vec<f64>, ImportError> {
+fn wavelengths(root: &Entry<'_>) -> Result<Vec<f64>, TableError> {
     let field = root.required("wavelengths_nm", "a list of the bands' wavelengths, ascending")?;
     let expected = format!("a list of 1 to {MAX_COUNT} wavelengths in nm, ascending");
     let list = field.numbers()?.filter(|nm| (1..=MAX_COUNT).contains(&nm.len()));
@@ -145,7 +144,7 @@ fn wavelengths(root: &Entry<'_>) -> Result<Vec<f64>, ImportError> {
 }
 
 /// The distortion focal length; f·pitch with a Brown model.
-fn focal_length(root: &Entry<'_>, map: &MapTable) -> Result<f64, ImportError> {
+fn focal_length(root: &Entry<'_>, map: &MapTable) -> Result<f64, TableError> {
     const KEY: &str = "distortion_focal_length_mm";
     let given = root.bounded(KEY, bounds::FOCAL_LENGTH_MM)?;
     let MapTable::Brown(brown) = map else {
@@ -176,7 +175,7 @@ fn psf_table(path: &Path, psf: &Entry<'_>, bands: usize) -> Result<PsfTable, Imp
         names = (0..bands).map(|b| names[0].image(b)).collect();
     }
     if names.len() != 1 && names.len() != bands {
-        return Err(files.error(format!("1 file, or {bands}, one a band")));
+        return Err(files.error(format!("1 file, or {bands}, one a band")).into());
     }
     let sample = psf.required("sample", "\"point\" or \"integrated\" (mean over the square of a pitch)")?;
     let pitch = psf.required("pitch_um", "distance of the samples, µm")?;

@@ -3,8 +3,8 @@
 use super::arrays::ArrayName;
 use super::brown::Brown;
 use super::description::{Grid, array, grid};
-use super::table::Entry;
 use crate::import::ImportError;
+use crate::toml_table::{Entry, TableError};
 use pipeline::bounds;
 use std::path::Path;
 
@@ -68,16 +68,15 @@ pub(super) fn map_table(path: &Path, map: &Entry<'_>) -> Result<MapTable, Import
         }
         [false, false, true] => {
             beside(&["x_mm", "y_mm", "y_up"], "brown (of the whole film, rows down)")?;
-            brown(map).map(MapTable::Brown)
+            Ok(MapTable::Brown(brown(map)?))
         }
-        _ => {
-            Err(map
-                .error("needs one of: ideal_x and ideal_y; displacement_x_px and displacement_y_px; brown"))
-        }
+        _ => Err(map
+            .error("needs one of: ideal_x and ideal_y; displacement_x_px and displacement_y_px; brown")
+            .into()),
     }
 }
 
-fn brown(map: &Entry<'_>) -> Result<Brown, ImportError> {
+fn brown(map: &Entry<'_>) -> Result<Brown, TableError> {
     let field = map.required("brown", "{ f_px, c_px, k, p }")?;
     let table = field.table("brown".into(), &BROWN)?;
     let required = |key: &str, expected: &str| table.required(key, expected);
@@ -86,7 +85,7 @@ fn brown(map: &Entry<'_>) -> Result<Brown, ImportError> {
     let size = map.required("size_px", "[width, height] of the film")?;
     let pitch = map.required("pitch_um", "pitch of the film's pixels, µm")?;
     let list = |key: &str, most: usize| match table.field(key) {
-        None => Ok::<_, ImportError>(vec![0.0; most]),
+        None => Ok::<_, TableError>(vec![0.0; most]),
         Some(field) => {
             let found = field.numbers()?.filter(|v| v.len() <= most);
             let mut found = found.ok_or_else(|| field.error(format!("a list of up to {most} numbers")))?;
