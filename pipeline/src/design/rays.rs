@@ -9,4 +9,5 @@ pub mod paraxial;
 pub mod ray;
 mod ray_budget;
 pub mod scalar;
+pub(super) mod stop_point;
 pub mod surface;

@@ -12,6 +12,7 @@ use std::f64::consts::PI;
 
 use super::ray::{Lost, Tracer};
 use super::scalar::Dual;
+use super::stop_point::{PupilPoint, aimed, approached};
 use crate::design::prescription::error::DesignError;
 use crate::design::prescription::system::RayAiming;
 use crate::real;
@@ -22,10 +23,6 @@ const STEP: f64 = PI / 180.0;
 const MIN_STEP: f64 = STEP / 64.0;
 /// Maximum angle, rad: 89.5 degrees.
 const MAX_ANGLE: f64 = 179.0 * PI / 360.0;
-/// Steps from the chief ray to a ray that cannot be aimed at directly.
-const PUPIL_STEPS: u32 = 12;
-/// Iterations of Newton's method; rays of real lenses need 3 to 8.
-const ITERATIONS: u32 = 20;
 /// Steps of the angle that are tried, 179 where none fails.
 const MAX_STEPS: u32 = 1000;
 
@@ -58,49 +55,25 @@ impl Tracer<'_> {
         }
         let [x, dx, dy] = if tan == 0.0 { [0.0, radius, radius] } else { self.chiefs().near(tan) };
         let direct = self.newton(tan, p, q, [x + p * dx, q * dy]);
-        direct.or_else(|first| {
+        let found = direct.or_else(|first| {
             if (p, q) == (0.0, 0.0) {
                 return Err(first);
             }
-            let [x, y] = self.newton(tan, 0.0, 0.0, [x, 0.0]).map_err(|_| first.clone())?;
-            let (mut at, mut by) = ([x.v, y.v], [x.d, y.d]);
-            for step in 1..=PUPIL_STEPS {
-                let part = f64::from(step) / f64::from(PUPIL_STEPS);
-                // Extrapolated along the derivatives at the point before.
-                let guess = |i: usize| at[i] + (by[i][0] * p + by[i][1] * q) / f64::from(PUPIL_STEPS);
-                let [x, y] =
-                    self.newton(tan, p * part, q * part, [guess(0), guess(1)]).map_err(|_| first.clone())?;
-                (at, by) = ([x.v, y.v], [x.d, y.d]);
-            }
-            Ok([0, 1].map(|i| Dual { v: at[i], d: by[i] }))
-        })
+            let centre = self.newton(tan, 0.0, 0.0, [x, 0.0]).map_err(|_| first.clone())?;
+            approached(centre, (p, q), |p, q, guess| self.newton(tan, p, q, guess)).map_err(|_| first)
+        });
+        found.map(PupilPoint::dual)
     }
 
-    fn newton(&self, tan: f64, p: f64, q: f64, mut at: [f64; 2]) -> Result<[Dual; 2], DesignError> {
-        let scale = self.stop_sign() * self.stop_radius_mm();
-        let mut done = false;
-        for _ in 0..ITERATIONS {
+    fn newton(&self, tan: f64, p: f64, q: f64, at: [f64; 2]) -> Result<PupilPoint, DesignError> {
+        let radius_mm = self.stop_sign() * self.stop_radius_mm();
+        let found = aimed((p, q), radius_mm, at, 1e-4 * self.primary.entrance_radius_mm, |[x, y]| {
             self.count_ray(tan)?;
-            let ray = self.launch(tan, Dual::new(at[0], 1.0, 0.0), Dual::new(at[1], 0.0, 1.0));
-            let hit =
-                self.run(ray, self.stop(), &mut None).map_err(|lost| self.lost_in_search(tan, p, q, lost))?.p;
-            let (a, b) = (hit[0].d, hit[1].d);
-            let det = a[0] * b[1] - a[1] * b[0];
-            // Columns of the inverse: d(pupil plane)/d(stop).
-            let inverse = [[b[1] / det, -a[1] / det], [-b[0] / det, a[0] / det]];
-            let miss = [scale * p - hit[0].v, scale * q - hit[1].v];
-            let step = inverse.map(|row| row[0] * miss[0] + row[1] * miss[1]);
-            if !(step[0].is_finite() && step[1].is_finite()) {
-                break;
-            }
-            at = [at[0] + step[0], at[1] + step[1]];
-            if done {
-                return Ok([0, 1].map(|i| Dual::new(at[i], inverse[i][0] * scale, inverse[i][1] * scale)));
-            }
-            // One more iteration squares the error of the point and computes the derivatives there.
-            done = real::hypot(step[0], step[1]) < 1e-4 * self.primary.entrance_radius_mm;
-        }
-        Err(self.ray_error(tan, p, q, "cannot be aimed at the stop".to_owned()))
+            let hit = self.run(self.launch(tan, x, y), self.stop(), &mut None);
+            let [x, y, ..] = hit.map_err(|lost| self.lost_in_search(tan, p, q, lost))?.p;
+            Ok([x, y])
+        })?;
+        found.ok_or_else(|| self.ray_error(tan, p, q, "cannot be aimed at the stop".to_owned()))
     }
 
     /// Follows the chief rays from the axis outwards.
@@ -134,7 +107,7 @@ impl Tracer<'_> {
     fn chief(&self, tan: f64, guess: [f64; 2]) -> Result<([f64; 3], f64), DesignError> {
         let [x, y] = match self.aiming() {
             RayAiming::Paraxial => self.aim(tan, 0.0, 0.0)?,
-            RayAiming::Real => self.newton(tan, 0.0, 0.0, guess)?,
+            RayAiming::Real => self.newton(tan, 0.0, 0.0, guess)?.dual(),
         };
         let image = self.run(self.launch(tan, x.v, y.v), self.image(), &mut None);
         let lost = |lost: Lost| self.lost(tan, 0.0, 0.0, lost);

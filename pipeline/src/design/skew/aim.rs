@@ -15,6 +15,7 @@ use crate::design::prescription::error::DesignError;
 use crate::design::prescription::system::RayAiming;
 use crate::design::rays::aim::lagrange;
 use crate::design::rays::scalar::Dual;
+use crate::design::rays::stop_point::{PupilPoint, aimed, approached};
 use crate::real;
 
 /// Azimuths along which chief rays are followed.
@@ -25,10 +26,6 @@ const STEP: f64 = PI / 90.0;
 const MIN_STEP: f64 = STEP / 128.0;
 /// Maximum angle, rad: 89.5 degrees.
 const MAX_ANGLE: f64 = 179.0 * PI / 360.0;
-/// Steps from the chief ray to a ray that cannot be aimed at directly.
-const PUPIL_STEPS: u32 = 12;
-/// Iterations of Newton's method; rays of real lenses need 3 to 8.
-const ITERATIONS: u32 = 20;
 
 /// The chief ray of one field, in the frame rotated with the azimuth of its spoke.
 #[derive(Clone, Copy, Debug)]
@@ -45,12 +42,10 @@ struct ChiefAim {
 #[derive(Clone, Debug)]
 pub(super) struct Chiefs {
     /// That of t = 0, and its derivatives, not rotated.
-    centre: ([f64; 2], [[f64; 2]; 2]),
+    centre: PupilPoint,
     /// Ascending in the angle, without that of t = 0.
     spokes: Vec<Vec<ChiefAim>>,
 }
-
-type Aimed = ([f64; 2], [[f64; 2]; 2]);
 
 impl SkewTracer<'_> {
     /// The point of the nominal entrance pupil plane, mm, for pupil coordinates (p, q), with derivatives by them.
@@ -62,60 +57,36 @@ impl SkewTracer<'_> {
         if self.aiming() == RayAiming::Paraxial {
             return Ok([Dual::new(p * radius, radius, 0.0), Dual::new(q * radius, 0.0, radius)]);
         }
-        let (centre, by) = self.chiefs.get_or_init(|| self.follow_chiefs()).near(t);
-        let guess = [0, 1].map(|i| centre[i] + by[i][0] * p + by[i][1] * q);
-        let dual = |(at, by): Aimed| [0, 1].map(|i| Dual { v: at[i], d: by[i] });
+        let PupilPoint { at, by } = self.chiefs.get_or_init(|| self.follow_chiefs()).near(t);
+        let guess = [0, 1].map(|i| at[i] + by[i][0] * p + by[i][1] * q);
         let direct = self.newton(t, p, q, guess);
         let found = direct.or_else(|first| {
             if (p, q) == (0.0, 0.0) {
                 return Err(first);
             }
-            let mut aimed = self.newton(t, 0.0, 0.0, centre).map_err(|_| first.clone())?;
-            for step in 1..=PUPIL_STEPS {
-                let part = f64::from(step) / f64::from(PUPIL_STEPS);
-                let (at, by) = aimed;
-                // Extrapolated along the derivatives at the point before.
-                let guess = [0, 1].map(|i| at[i] + (by[i][0] * p + by[i][1] * q) / f64::from(PUPIL_STEPS));
-                aimed = self.newton(t, p * part, q * part, guess).map_err(|_| first.clone())?;
-            }
-            Ok(aimed)
+            let centre = self.newton(t, 0.0, 0.0, at).map_err(|_| first.clone())?;
+            approached(centre, (p, q), |p, q, guess| self.newton(t, p, q, guess)).map_err(|_| first)
         });
-        found.map(dual)
+        found.map(PupilPoint::dual)
     }
 
     /// The point and its derivatives by (p, q), from the first guess `at`.
-    fn newton(&self, t: [f64; 2], p: f64, q: f64, mut at: [f64; 2]) -> Result<Aimed, DesignError> {
-        let scale = self.stop_scale_mm();
-        let mut done = false;
-        for _ in 0..ITERATIONS {
-            let ray = self.launch(t.map(Dual::from), Dual::new(at[0], 1.0, 0.0), Dual::new(at[1], 0.0, 1.0));
-            let hit =
-                self.run(ray, self.system().stop, |_, _| {}).map_err(|lost| self.lost(t, p, q, lost))?.p;
-            let (a, b) = (hit[0].d, hit[1].d);
-            let det = a[0] * b[1] - a[1] * b[0];
-            // Columns of the inverse: d(pupil plane)/d(stop).
-            let inverse = [[b[1] / det, -a[1] / det], [-b[0] / det, a[0] / det]];
-            let miss = [scale * p - hit[0].v, scale * q - hit[1].v];
-            let step = inverse.map(|row| row[0] * miss[0] + row[1] * miss[1]);
-            if !(step[0].is_finite() && step[1].is_finite()) {
-                break;
-            }
-            at = [at[0] + step[0], at[1] + step[1]];
-            if done {
-                return Ok((at, inverse.map(|row| row.map(|v| v * scale))));
-            }
-            // One more iteration squares the error of the point and computes the derivatives there.
-            done = real::hypot(step[0], step[1]) < 1e-4 * self.primary.entrance_radius_mm;
-        }
-        Err(self.ray_error(t, p, q, "cannot be aimed at the stop"))
+    fn newton(&self, t: [f64; 2], p: f64, q: f64, at: [f64; 2]) -> Result<PupilPoint, DesignError> {
+        let short_mm = 1e-4 * self.primary.entrance_radius_mm;
+        let found = aimed((p, q), self.stop_scale_mm(), at, short_mm, |[x, y]| {
+            let hit = self.run(self.launch(t.map(Dual::from), x, y), self.system().stop, |_, _| {});
+            let [x, y, ..] = hit.map_err(|lost| self.lost(t, p, q, lost))?.p;
+            Ok([x, y])
+        })?;
+        found.ok_or_else(|| self.ray_error(t, p, q, "cannot be aimed at the stop"))
     }
 
     /// Follows the chief rays from t = 0 outwards.
     fn follow_chiefs(&self) -> Chiefs {
         let radius = self.primary.entrance_radius_mm;
         let centre = self.newton([0.0; 2], 0.0, 0.0, [0.0; 2]);
-        let centre = centre.unwrap_or(([0.0; 2], [[radius, 0.0], [0.0, radius]]));
-        let spokes = (0..SPOKES).map(|k| self.follow_spoke(TAU * k as f64 / SPOKES as f64, centre.0));
+        let centre = centre.unwrap_or(PupilPoint { at: [0.0; 2], by: [[radius, 0.0], [0.0, radius]] });
+        let spokes = (0..SPOKES).map(|k| self.follow_spoke(TAU * k as f64 / SPOKES as f64, centre.at));
         Chiefs { centre, spokes: spokes.collect() }
     }
 
@@ -136,7 +107,7 @@ impl SkewTracer<'_> {
             });
             let shift = rotated(shift, (sin, cos));
             match self.newton(t, 0.0, 0.0, [centre[0] + shift[0], centre[1] + shift[1]]) {
-                Ok((at, by)) => {
+                Ok(PupilPoint { at, by }) => {
                     let shift = [(at[0] - centre[0]) / tan, (at[1] - centre[1]) / tan];
                     rays.push(ChiefAim {
                         angle,
@@ -155,7 +126,7 @@ impl SkewTracer<'_> {
 impl Chiefs {
     /// Point and derivatives near the chief ray of the field of slopes `t`, interpolated; beyond the last ray of a spoke those of
     /// that.
-    fn near(&self, t: [f64; 2]) -> Aimed {
+    fn near(&self, t: [f64; 2]) -> PupilPoint {
         let tan = real::hypot(t[0], t[1]);
         if tan == 0.0 {
             return self.centre;
@@ -177,9 +148,12 @@ impl Chiefs {
         self.placed(&mixed, tan, (sin, cos))
     }
 
-    fn placed(&self, aim: &ChiefAim, tan: f64, turn: (f64, f64)) -> Aimed {
+    fn placed(&self, aim: &ChiefAim, tan: f64, turn: (f64, f64)) -> PupilPoint {
         let shift = rotated(aim.shift, turn);
-        ([0, 1].map(|i| self.centre.0[i] + tan * shift[i]), matrix_rotated(aim.by, turn))
+        PupilPoint {
+            at: [0, 1].map(|i| self.centre.at[i] + tan * shift[i]),
+            by: matrix_rotated(aim.by, turn),
+        }
     }
 
     /// The aim on a spoke at `angle`, in its rotated frame; none if the spoke is empty. `turn`: sine and cosine of the field's
@@ -193,7 +167,7 @@ impl Chiefs {
         let (a, from) = match above {
             // The shift, not the point, is smooth: towards t = 0 it is that of the first ray.
             0 => {
-                let by = matrix_rotated(self.centre.1, (-turn.0, turn.1));
+                let by = matrix_rotated(self.centre.by, (-turn.0, turn.1));
                 (ChiefAim { angle: 0.0, shift: b.shift, by }, 0.0)
             }
             _ => (rays[above - 1], square(rays[above - 1].angle)),
