@@ -298,7 +298,7 @@ impl<'a> UntracedJob<'a> {
             source[LENS_REQUEST] = request;
         }
         for (key, value) in plan.lens.errors().into_iter().flatten() {
-            source[key] = value.clone();
+            source[key] = value;
         }
         Ok(Job {
             source,

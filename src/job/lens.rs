@@ -98,7 +98,7 @@ impl UntracedLens {
     pub fn is_symmetric(&self) -> bool {
         match self {
             Self::Pack(pack) => pack.lens().is_symmetric(),
-            Self::Design(design) => design.asymmetric.is_none(),
+            Self::Design(design) => design.asymmetric.as_ref().is_none_or(AsymmetricLens::is_symmetric),
         }
     }
 
@@ -344,7 +344,7 @@ impl JobLens {
                     tracing: tracing.as_ref(),
                     depth,
                     bands: bands.as_ref(),
-                    asymmetric: asymmetric.as_ref(),
+                    asymmetric: asymmetric.as_ref().filter(|lens| !lens.is_symmetric()),
                 };
                 let traced = self::tracing::trace(&job, wavelengths_nm, threads);
                 let traced = traced.with_context(|| format!("tracing {name}"));
@@ -369,13 +369,18 @@ impl JobLens {
     }
 
     /// Manufacturing errors of a lens as built, and what was adjusted, as recorded in its pack.
-    pub fn errors(&self) -> Option<[(&'static str, &Value); 2]> {
+    pub fn errors(&self) -> Option<[(&'static str, Value); 2]> {
         let pack = match self {
             Self::Pack(pack) => pack,
-            Self::Traced(traced) => traced.packs.first()?,
+            Self::Traced(traced) => match &traced.drawn {
+                Some(drawn) if drawn.is_nominal() => {
+                    return Some([("errors", drawn.record.clone()), ("compensators", built::unmoved())]);
+                }
+                _ => traced.packs.first()?,
+            },
         };
         let attributes = pack.attributes();
-        Some([("errors", attributes.errors.as_ref()?), ("compensators", attributes.compensators.as_ref()?)])
+        Some([("errors", attributes.errors.clone()?), ("compensators", attributes.compensators.clone()?)])
     }
 
     /// The lens pack; none for a design.

@@ -9,6 +9,7 @@ use crate::args::{Store, TraceArgs};
 use crate::design;
 use crate::failure::{other_job, usage};
 use crate::job::lens::attributes::attributes;
+use crate::job::lens::built::unmoved;
 use crate::job::lens::drawn::DrawnLens;
 use crate::job::lens::energy::{MissedEnergy, percent};
 use crate::job::lens::tails;
@@ -56,10 +57,14 @@ pub fn command(args: &TraceArgs) -> Result<()> {
         let lens = BuiltLens::of_design(&system).with_context(|| format!("design {}", args.design))?;
         return built::trace_design(args, &lens, &options, start);
     }
-    if let Some(drawn) = DrawnLens::new(&args.built, &system)? {
-        return built::trace(args, &drawn, &options, start);
+    let drawn = DrawnLens::new(&args.built, &system)?;
+    if let Some(drawn) = &drawn {
+        built::check_flat(args)?;
+        if !drawn.is_nominal() {
+            return built::trace(args, drawn, &options, start);
+        }
     }
-    if args.film_size.is_some() {
+    if args.film_size.is_some() && drawn.is_none() {
         return Err(usage(format!(
             "--film-size: expected a lens without rotational symmetry or --tolerances; {} has tables over image height (--max-height-mm)",
             args.design
@@ -104,7 +109,11 @@ pub fn command(args: &TraceArgs) -> Result<()> {
     let context = || format!("tracing {}", args.design);
     let (traced, pack) = result.with_context(context)?;
     let lens = traced.with_context(context)?;
-    pack.finish(&lens, &attributes(&args.design, &args.parameters, &options, &reports))?;
+    let mut attributes = attributes(&args.design, &args.parameters, &options, &reports);
+    if let Some(drawn) = drawn {
+        (attributes.errors, attributes.compensators) = (Some(drawn.record), Some(unmoved()));
+    }
+    pack.finish(&lens, &attributes)?;
     if let Some(note) = tails::note(&reports) {
         log_line(note);
     }

@@ -55,7 +55,7 @@ fn write_pack(job: &Job, run: &RunArgs, path: &Path) -> Result<String> {
         }
     }
     let [errors, compensators] = match job.lens.errors() {
-        Some(recorded) => recorded.map(|(_, value)| Some(value.clone())),
+        Some(recorded) => recorded.map(|(_, value)| Some(value)),
         None => [None, None],
     };
     let attributes = PackAttributes {

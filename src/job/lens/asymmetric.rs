@@ -33,6 +33,11 @@ impl AsymmetricLens {
         }
     }
 
+    /// Whether it is a design with rotational symmetry after all: a drawn lens without errors.
+    pub fn is_symmetric(&self) -> bool {
+        matches!(self, Self::Drawn(drawn) if drawn.is_nominal())
+    }
+
     /// The lens without symmetry by design.
     pub fn design(&self) -> Option<&BuiltLens> {
         match self {

@@ -10,17 +10,23 @@ use serde_json::{Value, json};
 
 /// `attributes` of a pack of a lens with `errors`, and with what was adjusted.
 pub fn recorded(attributes: PackAttributes, errors: Value, adjusted: &Compensated) -> PackAttributes {
-    let compensators = json!({
-        "film_shift_mm": adjusted.film_shift_mm,
-        "film_tilt_rad": adjusted.film_tilt_rad,
-        "boresight_mm": adjusted.boresight_mm,
-    });
+    let Compensated { film_shift_mm, film_tilt_rad, boresight_mm, .. } = adjusted;
     PackAttributes {
         reference_point: Some(ReferencePoint::ChiefRay),
         errors: Some(errors),
-        compensators: Some(compensators),
+        compensators: Some(compensators(*film_shift_mm, *film_tilt_rad, *boresight_mm)),
         ..attributes
     }
+}
+
+/// What was adjusted, as recorded.
+fn compensators(film_shift_mm: f64, film_tilt_rad: [f64; 2], boresight_mm: [f64; 2]) -> Value {
+    json!({ "film_shift_mm": film_shift_mm, "film_tilt_rad": film_tilt_rad, "boresight_mm": boresight_mm })
+}
+
+/// Record of a film that stays in its place.
+pub fn unmoved() -> Value {
+    compensators(0.0, [0.0; 2], [0.0; 2])
 }
 
 /// The rectangle of the map of a film that `half_mm` (X, Y) are half the sides of: as much wider on all sides as its corners stay within `reach_mm`.

@@ -1,7 +1,9 @@
 //! The lens of a job as built: drawn from the manufacturing errors of its design.
 //!
 //! It depends on the design, the tolerances, the seed and its index alone. What is adjusted after it is built (focus, tilt and place of the film)
-//! depends on the film as well, whose places it is judged at.
+//! depends on the film as well, whose places it is judged at. A lens without errors whose film stays in place IS its design, with rotational symmetry.
+//! If its film moves, its ideal plane remains that of the design, whose distortion focal length belongs to the film in its place: it is traced like
+//! any other lens as built.
 
 use crate::args::BuiltArgs;
 use crate::failure::usage;
@@ -99,6 +101,11 @@ impl DrawnLens {
             BuiltLens::new(system, &tolerances.deviations(&values)).map_err(|e| usage(e.to_string()))?;
         let record = record(&tolerances, &values, args.seed, sample, &read.digest);
         Ok(Some(Self { read, draw: (args.seed, sample), lens, record }))
+    }
+
+    /// Whether it is its design: it has no errors, and its film stays in place.
+    pub fn is_nominal(&self) -> bool {
+        self.lens.is_nominal() && !self.read.file.compensation.moves_film()
     }
 
     /// The lens with what is adjusted after it is built, judged over a film whose corner lies `corner_mm` from the axis.

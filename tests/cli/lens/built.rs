@@ -16,17 +16,39 @@ const NO_ERRORS: &str =
     "[[element]]\nsurfaces = [10, 11]\ndecentre_um = [0, 0]\n[compensate]\nfocus = false\n";
 
 #[test]
-fn a_lens_without_errors_makes_the_film_of_its_design() {
+fn a_lens_without_errors_is_its_design() {
     let job = DesignJob::new();
     let none = tolerances(&job, "none.toml", NO_ERRORS);
-    let built = job.run("cache", "built", &["--tolerances", text(&none)]).ok();
-    assert!(built.stderr.contains("no tails of lenses without rotational symmetry"), "{}", built.stderr);
-    job.run("cache", "nominal", &["--tails", "off"]).ok();
-    let [built, nominal] = ["built", "nominal"].map(|film| pixels(&job.at(film), "film").1);
-    let peak = nominal.iter().flatten().fold(0.0, |a: f32, v| a.max(*v));
-    let worst = pairs(&built, &nominal).map(|(a, b)| (a - b).abs()).fold(0.0, f32::max);
-    // Coordinates of map and tables differ by up to 1e-4 px, PSFs by rounding.
-    assert!(worst < 2e-4 * peak, "{worst} of {peak}");
+    let film = |name: &str| bits(&pixels(&job.at(name), "film").1);
+    for tails in ["on", "off"] {
+        let (built, nominal) = (format!("built-{tails}"), format!("nominal-{tails}"));
+        job.run("cache", &nominal, &["--tails", tails]).ok();
+        let run = job.run("cache", &built, &["--tails", tails, "--tolerances", text(&none), "-v"]).ok();
+        assert!(!run.stderr.contains("traced in"), "its bands are those of the design: {}", run.stderr);
+        assert!(film(&built) == film(&nominal), "--tails {tails}");
+    }
+    let source = attributes(&job.at("built-on"))["provenance"]["source"].to_string();
+    assert!(source.contains("element 10-11/decentre_x") && source.contains("film_shift_mm"), "{source}");
+    let other = job.run("cache", "built-on", &["--tails", "on"]);
+    assert_error_line(&other, OTHER_JOB, &["--tolerances"]);
+
+    let design = job.at("my.zmx");
+    let trace = |name: &str, flags: &[&str]| {
+        let pack = job.at(name);
+        let words = ["lens", "trace", text(&design), text(&pack), "--wavelengths", "500"];
+        let film = ["--max-height-mm", "1.2", "--film-pitch-um", "10"];
+        lenscube(&[&words[..], &film, flags].concat()).ok();
+        let digest = LensPack::open(&pack).unwrap().digest().unwrap().to_owned();
+        (fs::read_to_string(pack.join("zarr.json")).unwrap(), digest)
+    };
+    let (built, digest) = trace("built.lens.zarr", &["--tolerances", text(&none)]);
+    let (_, nominal) = trace("nominal.lens.zarr", &[]);
+    assert!(built.contains("lenscube/lens-pack/1") && built.contains("element 10-11/decentre_x"), "{built}");
+    assert_eq!(digest, nominal);
+    // Where the film moves to the focus, the ideal plane remains that of the design.
+    let focused = tolerances(&job, "focused.toml", "[[element]]\nsurfaces = [10, 11]\ndecentre_um = 0\n");
+    let (moved, _) = trace("moved.lens.zarr", &["--tolerances", text(&focused)]);
+    assert!(moved.contains("lenscube/lens-pack/4"), "{moved}");
 }
 
 #[test]

@@ -105,6 +105,26 @@ impl Deviation {
             pivot: None,
         }
     }
+
+    /// Whether it moves and changes nothing.
+    pub fn is_none(&self) -> bool {
+        let none = |numbers: &[f64]| numbers.iter().all(|v| *v == 0.0);
+        match self {
+            Self::Element { decentre_mm, tilt_rad, wedge_rad, shift_mm, surfaces: _, pivot: _ } => {
+                none(decentre_mm) && none(tilt_rad) && none(wedge_rad) && *shift_mm == 0.0
+            }
+            Self::Surface { decentre_mm, tilt_rad, shape, surface: _ } => {
+                let ShapeChange { curvature, conic, figure } = shape;
+                let is_flat = figure.iter().all(|term| term.coefficient == 0.0);
+                none(decentre_mm) && none(tilt_rad) && none(&[*curvature, *conic]) && is_flat
+            }
+            Self::Gap { thickness_mm, after: _, absorb: _ } => *thickness_mm == 0.0,
+            Self::Glass { index, abbe, after: _ } => none(&[*index, *abbe]),
+            Self::Film { decentre_mm, tilt_rad, shift_mm } => {
+                none(decentre_mm) && none(tilt_rad) && *shift_mm == 0.0
+            }
+        }
+    }
 }
 
 /// Change of curvature, 1/mm, of a surface of the radius `radius_mm` that becomes larger by `change_mm`; 0 for a plane.
@@ -222,6 +242,29 @@ mod tests {
             let mixed = 0.25 * n * um * (rho * rho * rho * rho + rho * rho * cos * cos);
             assert!((sag(&mixed_irregularity(n, um, s, phi), x, y) - mixed).abs() < 1e-18);
         }
+    }
+
+    #[test]
+    fn deviations_of_size_zero_are_none() {
+        let surface =
+            |shape| Deviation::Surface { surface: 1, decentre_mm: [0.0; 2], tilt_rad: [0.0, -0.0], shape };
+        let shape = ShapeChange { figure: irregularity(0.0, 5e-4, 3.0, 0.3), ..ShapeChange::default() };
+        let film = |shift_mm| Deviation::Film { decentre_mm: [0.0; 2], tilt_rad: [0.0; 2], shift_mm };
+        let gap = |thickness_mm| Deviation::Gap { after: 1, thickness_mm, absorb: None };
+        let glass = |abbe| Deviation::Glass { after: 1, index: 0.0, abbe };
+        let element = |angle| Deviation::element(1, 2, [0.0; 2], [0.0, 0.0, angle]);
+        let none = [element(0.0), surface(shape.clone()), film(0.0), gap(0.0), glass(0.0)];
+        assert!(none.iter().all(Deviation::is_none));
+        let figure = irregularity(1e-3, 5e-4, 3.0, 0.3);
+        let some = [
+            element(1e-9),
+            surface(ShapeChange { figure, ..shape.clone() }),
+            surface(ShapeChange { conic: 1e-9, ..shape }),
+            film(1e-9),
+            gap(1e-9),
+            glass(1e-9),
+        ];
+        assert!(!some.iter().any(Deviation::is_none));
     }
 
     #[test]

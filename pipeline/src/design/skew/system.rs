@@ -160,6 +160,11 @@ impl BuiltLens {
         &self.deviations
     }
 
+    /// Whether it is the nominal design: no deviation moves or changes anything.
+    pub fn is_nominal(&self) -> bool {
+        self.deviations.iter().all(Deviation::is_none)
+    }
+
     /// Pose of each surface in the lens frame as built, the film last.
     pub fn poses(&self) -> Vec<Pose> {
         self.surfaces.iter().map(|s| s.pose).collect()

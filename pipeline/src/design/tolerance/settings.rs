@@ -21,6 +21,13 @@ pub struct Compensation {
     pub boresight: Boresight,
 }
 
+impl Compensation {
+    /// Whether the film of a lens without errors may move: it is focused or tilted. Such a lens has no boresight.
+    pub fn moves_film(&self) -> bool {
+        self.focus_um.is_some() || self.film_tilt
+    }
+}
+
 impl Default for Compensation {
     fn default() -> Self {
         Self { focus_um: Some((-1000.0, 1000.0)), film_tilt: false, boresight: Boresight::Keep }

@@ -56,9 +56,8 @@ pub fn max_height_mm(args: &TraceArgs) -> Result<f64> {
 /// Traces the pack of a lens as built.
 ///
 /// # Errors
-/// Flags that such packs do not have; a lens that cannot be traced over the film.
+/// A lens that cannot be traced over the film.
 pub fn trace(args: &TraceArgs, drawn: &DrawnLens, options: &TraceOptions, start: Instant) -> Result<()> {
-    check_flat(args)?;
     let half_mm = half_film_mm(args, options)?;
     let pack = create_pack(&args.out, |out| LensPackWriter::create_planar(out))?;
     let bar = TracingBar::new(options.wavelengths_nm.len());
@@ -110,7 +109,11 @@ pub fn trace_design(
     .write(start)
 }
 
-fn check_flat(args: &TraceArgs) -> Result<()> {
+/// Checks that no depth nodes are asked for.
+///
+/// # Errors
+/// Usage: they are.
+pub fn check_flat(args: &TraceArgs) -> Result<()> {
     match args.depths_m {
         None => Ok(()),
         Some(_) => Err(usage(format!(
