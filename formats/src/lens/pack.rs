@@ -8,6 +8,7 @@ use std::sync::OnceLock;
 use pipeline::lens::planar::PsfPlaces;
 use pipeline::lens::{Lens, LensBand, PsfStack};
 
+use super::array::MAX_SAMPLES;
 use super::attributes::PackAttributes;
 use super::digest;
 use super::error::LensPackError;
@@ -116,7 +117,8 @@ impl LensPack {
     ///
     /// # Errors
     /// There is no such band; a chunk is missing or damaged; a sample is not finite; the sum of a window is not 1; invalid pupil functions;
-    /// [`LensPackError::Changed`].
+    /// [`LensPackError::Changed`]; [`LensPackError::TooLarge`]: pupil functions of more PSFs than are read at once, which
+    /// [`psf_of_height`](Self::psf_of_height) reads.
     pub fn psf(&self, band: usize) -> Result<PsfStack, LensPackError> {
         if let Some(depth) = &self.lens.depth {
             let focus = depth.focus();
@@ -124,7 +126,11 @@ impl LensPack {
         }
         match self.stored(band)? {
             Stored::Psfs(stack) => Ok(stack),
-            Stored::Pupils(pupils) => read::psfs_of(&self.store, &self.lens, (band, 0), &pupils),
+            Stored::Pupils(pupils) => {
+                let psfs = (pupils.heights(), pupils.size());
+                read::check_together(self.path(), &format!("pupil/{band}"), psfs, MAX_SAMPLES)?;
+                read::psfs_of(&self.store, &self.lens, (band, 0), &pupils)
+            }
         }
     }
 

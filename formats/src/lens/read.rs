@@ -17,7 +17,7 @@ use pipeline::bounds;
 use pipeline::lens::{Lens, LensBand};
 pub(crate) use planar::MAP_NUMBERS;
 pub(super) use psfs::{SUM_TOLERANCE, psf, psfs_of, windows};
-pub(super) use pupils::pupils;
+pub(super) use pupils::{check_together, pupils};
 use std::f64::consts::PI;
 
 /// What a pack has but its PSFs or pupil functions.

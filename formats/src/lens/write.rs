@@ -9,6 +9,7 @@ mod planar;
 mod pupils;
 mod tail;
 
+use super::array::MAX_SAMPLES;
 use super::attributes::{
     DEPTH_SCHEMA, EXTRAS, PLANAR_SCHEMA, PSF_FIELD, PUPIL_SCHEMA, PackAttributes, REFERENCE_POINT, SCHEMA,
     TAIL,
@@ -36,6 +37,8 @@ pub struct LensPackWriter {
     sink: Sink,
     /// Side, pitch, number of PSFs and kind of samples of the stacks written so far, by band and depth node.
     written: BTreeMap<StackKey, StackShape>,
+    /// Most samples of the PSFs of a band: those that are read again.
+    max_samples: u64,
     /// Whether it was begun for a lens without rotational symmetry.
     is_planar: bool,
     /// Whether pupil functions are written in place of PSFs.
@@ -72,7 +75,14 @@ impl LensPackWriter {
     pub fn create(path: impl AsRef<Path>) -> Result<Self, LensPackError> {
         let sink = Sink::create(path.as_ref())?;
         let written = BTreeMap::new();
-        Ok(Self { sink, written, is_planar: false, has_pupils: false, has_whole_pupils: false })
+        Ok(Self {
+            sink,
+            written,
+            max_samples: MAX_SAMPLES,
+            is_planar: false,
+            has_pupils: false,
+            has_whole_pupils: false,
+        })
     }
 
     /// As [`create`](Self::create), for a lens without rotational symmetry: its PSFs are stored in chunks of several.
@@ -86,7 +96,8 @@ impl LensPackWriter {
     /// Writes one band's PSFs.
     ///
     /// # Errors
-    /// A window is not finite or does not sum to 1 within 1e-3; the band was written before; an error of the disk.
+    /// A window is not finite or does not sum to 1 within 1e-3; the band was written before, or has more samples than are read again; an error
+    /// of the disk.
     pub fn psf(&mut self, band: usize, stack: &PsfStack) -> Result<(), LensPackError> {
         self.stack(band, None, stack)
     }
@@ -108,6 +119,12 @@ impl LensPackWriter {
         if n.is_multiple_of(2) || stack.samples.is_empty() || !stack.samples.len().is_multiple_of(n * n) {
             let samples = stack.samples.len();
             return Err(self.invalid(format!("{name} has {samples} samples in windows of {n} × {n}, n odd")));
+        }
+        if stack.samples.len() as u64 > self.max_samples {
+            let (samples, most) = (stack.samples.len(), self.max_samples);
+            return Err(self.invalid(format!(
+                "{name} has {samples} samples, expected at most {most}: write pupil functions in place of PSFs (`--store pupils`)"
+            )));
         }
         let heights = stack.heights();
         for k in 0..heights {
@@ -406,4 +423,26 @@ fn root_attributes(lens: &Lens, other: &PackAttributes) -> Value {
         }
     }
     attributes
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn a_band_of_more_samples_than_are_read_again_is_refused() {
+        let directory = tempfile::tempdir().unwrap();
+        let mut pack = LensPackWriter::create_planar(directory.path().join("a.lens.zarr")).unwrap();
+        pack.max_samples = 18;
+        let windows = |count: usize| PsfStack {
+            size: 3,
+            pitch_um: 1.0,
+            sample: PsfSample::Point,
+            samples: vec![1.0 / 9.0; 9 * count],
+        };
+        pack.psf(0, &windows(2)).unwrap();
+        let error = pack.psf(1, &windows(3)).unwrap_err().to_string();
+        assert!(error.contains("psf/1 has 27 samples, expected at most 18"), "{error}");
+        assert!(error.contains("--store pupils"), "{error}");
+    }
 }

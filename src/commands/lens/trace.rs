@@ -85,11 +85,7 @@ pub fn command(args: &TraceArgs) -> Result<()> {
     }
     let stored = args.store.unwrap_or_else(|| default_store(psf_mb));
     if args.store.is_none() && stored == Store::Pupils {
-        log_line(format!(
-            "the pack has pupil functions, from which PSFs are computed when it is read: its PSFs would have {:.1} GB uncompressed \
-             (`--store psfs` stores them)",
-            1e-3 * psf_mb
-        ));
+        log_line(pupils_note(psf_mb));
     }
     let pack = create_pack(&args.out, |out| LensPackWriter::create(out))?;
     let bar = TracingBar::new(options.wavelengths_nm.len());
@@ -98,11 +94,11 @@ pub fn command(args: &TraceArgs) -> Result<()> {
         bar.set_bands(p.band);
         bar.step(format!("{} nm: {} ({} PSFs)", number(options.wavelengths_nm[p.band]), p.step, p.psfs));
     };
-    let result = write_beside(pack, stored, |write| {
+    let result = write_beside(pack, |write| {
         LensTrace::new(&system, &options)?.with_tails(args.tails).all(&mut progress, |index, band| {
             bar.suspend(|| log_line(band_line(&band)));
             reports.push(band.report);
-            write(index, band)
+            write(index, band, stored)
         })
     });
     bar.finish();
@@ -126,6 +122,15 @@ pub fn command(args: &TraceArgs) -> Result<()> {
 /// What a pack has by default if its PSFs would have `psf_mb` MB uncompressed.
 fn default_store(psf_mb: f64) -> Store {
     if psf_mb > MAX_PSF_MB { Store::Pupils } else { Store::Psfs }
+}
+
+/// A pack has pupil functions, as its PSFs would have `psf_mb` MB uncompressed.
+fn pupils_note(psf_mb: f64) -> String {
+    format!(
+        "the pack has pupil functions, from which PSFs are computed when it is read: its PSFs would have {:.1} GB uncompressed (`--store psfs` \
+         stores them)",
+        1e-3 * psf_mb
+    )
 }
 
 /// The line of a traced band: window, nodes, kernel error.

@@ -62,7 +62,8 @@ impl<'a> PlanarTables<'a> {
         let count = psfs.count();
         let tables = self.energy.tables;
         let (size, reading_bytes) = match &self.sides {
-            Some(sides) => pupils::side(tables, b, count, sides[b])?,
+            // A band may have more than are read at once: those of a height, or of a place, are computed together.
+            Some(sides) => pupils::side(tables, b, largest_set(&psfs), sides[b])?,
             None => psfs::size(tables.store, &format!("psf/{b}"), (count, self.places.sum()))?,
         };
         (band.psf_size, band.psf_pitch_um) = (size, self.pitch[b]);
@@ -129,6 +130,14 @@ impl<'a> Places<'a> {
                 Ok(PsfPlaces::Cartesian { x_mm: x.at_least(b, ONE)?, y_mm: y.at_least(b, ONE)? })
             }
         }
+    }
+}
+
+/// PSFs of a band that are read together: of all azimuths of a height, or one of a grid.
+fn largest_set(psfs: &PsfPlaces) -> usize {
+    match psfs {
+        PsfPlaces::Polar { azimuth_samples } => azimuth_samples.iter().copied().max().unwrap_or(1),
+        PsfPlaces::Cartesian { .. } => 1,
     }
 }
 

@@ -10,11 +10,12 @@ use pipeline::design::pupil_stack::{PupilStack, VALUE_ROWS};
 use pipeline::lens::planar::PsfPlaces;
 use pipeline::lens::{Lens, LensBand};
 use std::ops::Range;
+use std::path::Path;
 
 /// Bytes for the sum of a PSF: per sample (grids of the FFT, rays, result), and in addition.
 const SUM_BYTES: (usize, usize) = (64, 8 << 20);
 
-/// Side of the `windows` windows of band `b`, stated as `side`, and bytes for computing them.
+/// Side of the windows of band `b`, stated as `side`, and bytes for computing them; `windows` of them are computed together.
 pub(super) fn side(
     tables: &Arrays<'_>,
     b: usize,
@@ -29,17 +30,28 @@ pub(super) fn side(
     array.expect_at_most(&bounds::PUPIL_NUMBERS)?;
     let values: u64 = array.shape.iter().product();
     let n = side as usize;
-    if (windows * n * n) as u64 > MAX_SAMPLES {
-        return Err(LensPackError::TooLarge {
-            path: tables.store.path.clone(),
-            array: name,
-            stated: format!("{windows} PSFs of {n} × {n} samples (psf_size)"),
-            limit: format!("{MAX_SAMPLES} samples"),
-        });
-    }
+    check_together(&tables.store.path, &name, (windows, n), MAX_SAMPLES)?;
     let sum_bytes = SUM_BYTES.0 * n * n + SUM_BYTES.1;
     // The values as read and as interpolated.
     Ok((n, CHUNKS * array.chunk_bytes() as usize + 2 * 8 * values as usize + sum_bytes))
+}
+
+/// Checks that `windows` PSFs of side `n` of the pupil functions `name` have at most `max_samples` samples.
+pub fn check_together(
+    path: &Path,
+    name: &str,
+    (windows, n): (usize, usize),
+    max_samples: u64,
+) -> Result<(), LensPackError> {
+    if (windows * n * n) as u64 <= max_samples {
+        return Ok(());
+    }
+    Err(LensPackError::TooLarge {
+        path: path.into(),
+        array: name.into(),
+        stated: format!("{windows} PSFs of {n} × {n} samples (psf_size) that are computed together"),
+        limit: format!("{max_samples} samples"),
+    })
 }
 
 /// Reads the pupil functions of band `index`, or those of the PSFs `only`.
@@ -116,5 +128,19 @@ fn heights_mm(band: &LensBand) -> Vec<f64> {
         Some(PsfPlaces::Cartesian { x_mm, y_mm }) => {
             y_mm.iter().flat_map(|y| x_mm.iter().map(move |x| x.hypot(*y))).collect()
         }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn more_samples_than_are_read_at_once_are_refused() {
+        let check = |windows| check_together(Path::new("a.lens.zarr"), "pupil/2", (windows, 5), 100);
+        assert!(check(4).is_ok());
+        let error = check(5).unwrap_err().to_string();
+        assert!(error.contains("`pupil/2`") && error.contains("5 PSFs of 5 × 5 samples"), "{error}");
+        assert!(error.contains("100 samples"), "{error}");
     }
 }

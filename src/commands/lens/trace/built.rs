@@ -1,7 +1,7 @@
 //! `lenscube lens trace` of a lens without rotational symmetry: as built (`--tolerances`), or by design.
 
 use super::writer::write_beside;
-use super::{band_line, create_pack, summary};
+use super::{band_line, create_pack, default_store, pupils_note, summary};
 use crate::args::{Store, TraceArgs};
 use crate::failure::usage;
 use crate::job::lens::attributes::attributes;
@@ -16,7 +16,7 @@ use pipeline::design::skew::grid::GridTrace;
 use pipeline::design::skew::system::BuiltLens;
 use pipeline::design::skew::tables::{NominalNodes, SkewTrace};
 use pipeline::design::trace::{BandReport, OnProgress, Progress, TraceOptions, TracedBand};
-use pipeline::lens::Lens;
+use pipeline::lens::{Lens, PsfStack};
 use pipeline::real;
 use std::f64::consts::FRAC_1_SQRT_2;
 use std::time::Instant;
@@ -124,6 +124,11 @@ pub fn check_flat(args: &TraceArgs) -> Result<()> {
     }
 }
 
+/// PSFs of `bands` bands of the size of `first`, MB uncompressed.
+fn psf_mb(first: &PsfStack, bands: usize) -> f64 {
+    1e-6 * (size_of_val(&first.samples[..]) * bands) as f64
+}
+
 /// A pack of a lens without rotational symmetry, and how its bands are traced.
 struct Planar<'a> {
     args: &'a TraceArgs,
@@ -141,8 +146,8 @@ impl Planar<'_> {
     fn write(self, start: Instant) -> Result<()> {
         let Self { args, options, pack, bar, what, header, band, record } = self;
         let mut reports: Vec<BandReport> = Vec::new();
-        let stored = args.store.unwrap_or(Store::Psfs);
-        let result = write_beside(pack, stored, |write| {
+        let mut stored = args.store;
+        let result = write_beside(pack, |write| {
             let mut lens = header;
             for (index, nm) in options.wavelengths_nm.iter().enumerate() {
                 let mut progress = |p: Progress| {
@@ -157,7 +162,16 @@ impl Planar<'_> {
                     wavelength_nm: *nm,
                     problem: e.to_string(),
                 };
-                write(index, band).map_err(failed)?;
+                // PSFs are largest at the shortest wavelength, which is the first: how many there are is known only then.
+                let stored = *stored.get_or_insert_with(|| {
+                    let psf_mb = psf_mb(&band.psf, options.wavelengths_nm.len());
+                    let stored = default_store(psf_mb);
+                    if stored == Store::Pupils {
+                        bar.suspend(|| log_line(pupils_note(psf_mb)));
+                    }
+                    stored
+                });
+                write(index, band, stored).map_err(failed)?;
             }
             Ok::<_, SkewError>(lens)
         });
@@ -170,5 +184,28 @@ impl Planar<'_> {
             log_line(line);
         }
         Ok(())
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use formats::lens::MAX_ARRAY_SAMPLES;
+    use pipeline::lens::PsfSample;
+
+    #[test]
+    fn packs_of_more_psfs_than_are_read_have_pupil_functions() {
+        let samples = |bytes: usize| PsfStack {
+            size: 1,
+            pitch_um: 1.0,
+            sample: PsfSample::Point,
+            samples: vec![0.0; bytes / 4],
+        };
+        assert_eq!(psf_mb(&samples(4000), 31), 0.124);
+        // A band of the default store is one that can be read again.
+        let most_mb = 4e-6 * MAX_ARRAY_SAMPLES as f64;
+        assert_eq!(default_store(most_mb), Store::Pupils);
+        assert_eq!(default_store(psf_mb(&samples(4_000_000), 249)), Store::Psfs);
+        assert_eq!(default_store(psf_mb(&samples(4_000_000), 251)), Store::Pupils);
     }
 }

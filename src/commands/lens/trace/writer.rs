@@ -14,19 +14,19 @@ use std::thread;
 #[error("the lens pack was not written")]
 pub struct Stopped;
 
-/// Runs `trace` with a function that writes the PSFs of a band to `pack`, or their pupil functions; what `trace` returns, and the pack.
+/// Runs `trace` with a function that writes the PSFs of a band to `pack`, or their pupil functions, the same of all bands; what `trace` returns, and
+/// the pack.
 ///
 /// # Errors
 /// The first error of writing.
 pub fn write_beside<T>(
     mut pack: LensPackWriter,
-    stored: Store,
-    trace: impl FnOnce(&dyn Fn(usize, TracedBand) -> Result<(), Stopped>) -> T,
+    trace: impl FnOnce(&dyn Fn(usize, TracedBand, Store) -> Result<(), Stopped>) -> T,
 ) -> Result<(T, LensPackWriter), LensPackError> {
     thread::scope(|scope| {
         let (sender, bands) = sync_channel(0);
         let writer = scope.spawn(move || {
-            for (index, TracedBand { psf, pupils, .. }) in bands {
+            for (index, TracedBand { psf, pupils, .. }, stored) in bands {
                 match stored {
                     Store::Psfs => pack.psf(index, &psf)?,
                     Store::Pupils => pack.pupils(index, &pupils)?,
@@ -34,7 +34,7 @@ pub fn write_beside<T>(
             }
             Ok(pack)
         });
-        let traced = trace(&|index, band| sender.send((index, band)).map_err(|_| Stopped));
+        let traced = trace(&|index, band, stored| sender.send((index, band, stored)).map_err(|_| Stopped));
         drop(sender);
         let pack = writer.join().unwrap_or_else(|panic| resume_unwind(panic))?;
         Ok((traced, pack))
