@@ -13,6 +13,7 @@
 //! Source: Goodman, Introduction to Fourier Optics, 6.3-6.4; Born & Wolf 9.1.
 
 mod encircled;
+pub mod on_film;
 
 pub use encircled::EncircledEnergy;
 

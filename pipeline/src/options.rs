@@ -95,7 +95,7 @@ impl<'a> PsfNodes<'a> {
     }
 
     /// The grid on a film of `pitch_mm`; `azimuths` in place of those of the heights.
-    fn grid(self, pitch_mm: f64, azimuths: Option<usize>) -> NodeGrid {
+    pub(crate) fn grid(self, pitch_mm: f64, azimuths: Option<usize>) -> NodeGrid {
         match self {
             Self::Polar { height_mm, azimuth_count, azimuth_samples } => {
                 let given = |j| azimuth_count.iter().map(|&count| if count == 1 { 1 } else { j }).collect();

@@ -8,6 +8,7 @@ use formats::import::Format;
 use formats::import::window::{EvenWindow, Outward, RowOrder};
 use formats::picture::style::Style;
 use pipeline::design::system::RayAiming;
+use pipeline::design::tolerance::Boresight;
 use pipeline::develop::Demosaic;
 use pipeline::field::Outside;
 use pipeline::lens::PsfSample;
@@ -23,6 +24,10 @@ pub(super) type Choices<T> = &'static [(&'static str, &'static str, T)];
 pub(super) const AIMING: Choices<RayAiming> = &[
     ("real", "Through the real stop", RayAiming::Real),
     ("paraxial", "Through the paraxial entrance pupil", RayAiming::Paraxial),
+];
+pub(super) const BORESIGHT: Choices<Boresight> = &[
+    ("keep", "From the film's centre", Boresight::Keep),
+    ("remove", "From the image of the axis of the scene", Boresight::Remove),
 ];
 pub(super) const CODEC: Choices<Codec> =
     &[("none", "", Codec::None), ("lz4", "", Codec::Lz4), ("zstd", "", Codec::Zstd)];

@@ -2,7 +2,7 @@
 
 use super::built::BuiltArgs;
 use super::camera::CameraArgs;
-use super::choices::{STYLE, SWITCH, one_of};
+use super::choices::{BORESIGHT, STYLE, SWITCH, one_of};
 use super::design::{DESIGN_FILES, Depths, DesignArgs, depths, focus_m};
 use super::import::ImportArgs;
 use super::light::LightArgs;
@@ -12,6 +12,7 @@ use clap::{ArgAction, Args, Subcommand, ValueEnum};
 use formats::design::{endings_written, names_read, names_written};
 use formats::picture::style::Style;
 use pipeline::bounds;
+use pipeline::design::tolerance::Boresight;
 use pipeline::design::trace::TraceOptions;
 use pipeline::design::wavefront::SAMPLES;
 use pipeline::geometry::Size;
@@ -117,7 +118,8 @@ pub struct ShowArgs {
     #[arg(long, value_name = "DIR")]
     pub csv: Option<PathBuf>,
     /// Write figures (SVG and PNG) into this directory: RI, distortion, lateral colour, MTF, PSFs, encircled energy, nodes; of a design
-    /// also spots, ray and OPD fans, field curvature, MTF through focus, cross-section
+    /// also spots, ray and OPD fans, field curvature, MTF through focus, cross-section; of a pack without rotational symmetry map, PSFs,
+    /// nodes, errors
     #[arg(long, value_name = "DIR", value_parser = figures())]
     pub plot: Option<PathBuf>,
     /// Replace existing figures and tables
@@ -265,7 +267,8 @@ fn psf_size(text: &str) -> Result<usize, String> {
 /// `lenscube lens diff`
 #[derive(Debug, Args)]
 #[command(
-    after_help = "Example:\n  lenscube lens diff double-gauss-28 double-gauss-28-npz --wavelengths 450,550,650"
+    after_help = "Example:\n  lenscube lens diff double-gauss-28 double-gauss-28-npz --wavelengths 450,550,650\n  \
+lenscube lens diff built-7.lens.zarr double-gauss-28 --boresight remove"
 )]
 pub struct DiffArgs {
     /// Lens pack, design file, or name of a built-in lens
@@ -277,9 +280,12 @@ pub struct DiffArgs {
     /// Wavelengths to compare, nm [default: those of both; of two designs, those of A]
     #[arg(long, value_name = "NM")]
     pub wavelengths: Option<String>,
-    /// REAL image heights to compare [default: five, up to the edge of the smaller field]
+    /// REAL image heights to compare, of lenses with rotational symmetry [default: five, up to the edge of the smaller field]
     #[arg(long, value_name = "MM")]
     pub heights: Option<String>,
+    /// Origin of the film places at which lenses without rotational symmetry are compared
+    #[arg(long, value_parser = one_of(BORESIGHT), default_value = "keep")]
+    pub boresight: Boresight,
     /// Film pitch at which kernels are compared, µm
     #[arg(long, value_name = "UM", value_parser = pitch, default_value = "2")]
     pub film_pitch_um: f64,

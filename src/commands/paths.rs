@@ -12,6 +12,7 @@ use crate::open::{check_mesh_file, is_builtin, is_mesh};
 use crate::outputs::Guard;
 use anyhow::Result;
 use formats::sensor::builtin_names;
+use std::collections::BTreeSet;
 use std::path::{Path, PathBuf};
 
 #[cfg(test)]
@@ -147,7 +148,10 @@ fn of_lens(command: &LensCommand) -> Guard {
     match command {
         LensCommand::Show(args) => {
             let guard = of_design(&args.lens, &args.design);
-            let guard = in_directory(guard, "--plot", args.plot.as_deref(), lens::plots::all_files());
+            // Figures of both kinds of lenses, of which some have one name.
+            let figures = lens::plots::all_files().chain(lens::film_figures::all_files());
+            let figures: BTreeSet<String> = figures.collect();
+            let guard = in_directory(guard, "--plot", args.plot.as_deref(), figures);
             in_directory(guard, "--csv", args.csv.as_deref(), lens::tables::all_files())
         }
         LensCommand::Psf(args) => of_design(&args.design, &args.parameters)

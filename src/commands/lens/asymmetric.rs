@@ -1,5 +1,7 @@
-//! `lens show` of a lens pack without rotational symmetry: a summary of its map, PSFs and manufacturing errors.
+//! `lens show` of a lens pack without rotational symmetry: a summary of its map, PSFs and manufacturing errors; figures.
 
+use super::film_figures;
+use super::film_lens::FilmLens;
 use crate::args::ShowArgs;
 use crate::design::is_design;
 use crate::failure::usage;
@@ -23,7 +25,6 @@ pub fn pack(args: &ShowArgs) -> Result<Option<LensPack>> {
     let refused = [
         ("--csv", args.csv.is_some()),
         ("--tables", args.tables.is_some()),
-        ("--plot", args.plot.is_some()),
         ("--heights", args.heights.is_some()),
         ("--wavelengths", args.wavelengths.is_some()),
     ];
@@ -35,15 +36,23 @@ pub fn pack(args: &ShowArgs) -> Result<Option<LensPack>> {
     }
 }
 
-/// Prints the summary.
+/// Prints the summary, and writes the figures of `--plot`.
 ///
 /// # Errors
-/// The output is closed.
-pub fn show(args: &ShowArgs, pack: &LensPack) -> Result<()> {
-    let summary = summary(pack, args.all_bands, None);
+/// A figure exists, or cannot be written; the output is closed.
+pub fn show(args: &ShowArgs, pack: LensPack) -> Result<()> {
+    if args.overwrite && args.plot.is_none() {
+        return Err(usage("--overwrite replaces figures: give --plot, too"));
+    }
+    if let Some(dir) = &args.plot {
+        film_figures::check_absent(dir, args.overwrite)?;
+    }
+    let summary = summary(&pack, args.all_bands, None);
     match args.json {
         true => print(serde_json::to_string_pretty(&summary)?),
         false => print(summary.to_string().trim_end()),
     }
-    Ok(())
+    let Some(dir) = &args.plot else { return Ok(()) };
+    let attributes = pack.attributes().clone();
+    film_figures::write(dir, &FilmLens::of_pack(&args.lens, pack)?, &attributes, args.style)
 }

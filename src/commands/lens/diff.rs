@@ -1,20 +1,22 @@
-//! `lenscube lens diff`: compares two lenses at the same wavelengths and REAL heights.
+//! `lenscube lens diff`: compares two lenses at the same wavelengths and REAL heights; where one has no rotational symmetry, at places of the
+//! film ([`film_diff`]).
 //!
 //! PSFs are compared as film kernels at one pitch, each cropped to the smaller window and normalised there, by their L1 distance.
 //! The sizes of the windows and the share of light inside them are listed separately.
 
+use super::comparison::{common, scalars};
+use super::film_diff;
 use super::show::{chosen_heights, strehl_note};
 use crate::args::DiffArgs;
 use crate::commands::lens::trace::wavelengths;
-use crate::failure::usage;
+use crate::design::is_design;
 use crate::job::lens::samples::{FieldFigures, LensData, LensSamples, nearest_band};
+use crate::open;
 use crate::progress::print;
 use anyhow::Result;
+use formats::lens::LensPack;
 use pipeline::figures::kernel_l1;
 use serde_json::{Value, json};
-
-/// Largest difference of wavelengths that count as equal, nm.
-const WAVELENGTH_TOLERANCE_NM: f64 = 1e-6;
 
 /// One field point of both lenses.
 struct Pair {
@@ -26,10 +28,20 @@ struct Pair {
 
 /// Runs the command.
 pub fn command(args: &DiffArgs) -> Result<()> {
-    let (a, b) = (open(&args.a, args)?, open(&args.b, args)?);
+    let sides = [pack(&args.a)?, pack(&args.b)?];
+    if sides.iter().flatten().any(|pack| !pack.lens().is_symmetric()) {
+        let [a, b] = sides;
+        return film_diff::diff(args, (&args.a, a), (&args.b, b));
+    }
+    let [a, b] = sides;
+    let (a, b) = (lens(&args.a, a, args)?, lens(&args.b, b, args)?);
     let nm = match &args.wavelengths {
         Some(text) => wavelengths(text)?,
-        None => common_wavelengths(&a, &b)?,
+        None => {
+            let of = |lens: &LensData| matches!(lens, LensData::Pack(_)).then(|| lens.wavelengths_nm());
+            // Of two designs, those of A.
+            common([of(&a), of(&b)]).unwrap_or_else(|| Ok(a.wavelengths_nm()))?
+        }
     };
     let heights_mm = chosen_heights(args.heights.as_deref(), || Ok(a.reach_mm()?.min(b.reach_mm()?)))?;
     let mut samples = (a.sample(&nm, &heights_mm)?, b.sample(&nm, &heights_mm)?);
@@ -46,34 +58,17 @@ pub fn command(args: &DiffArgs) -> Result<()> {
     Ok(())
 }
 
-/// Opens a lens; the design flags apply to designs only.
-fn open(name: &str, args: &DiffArgs) -> Result<LensData> {
-    match crate::design::is_design(name) {
-        true => LensData::open(name, &args.design),
-        false => LensData::open(name, &Default::default()),
-    }
+/// The lens pack `name`; none for a design.
+fn pack(name: &str) -> Result<Option<LensPack>> {
+    (!is_design(name)).then(|| open::lens(name)).transpose()
 }
 
-/// Wavelengths of both lenses; a design can be traced at any wavelength.
-fn common_wavelengths(a: &LensData, b: &LensData) -> Result<Vec<f64>> {
-    let (a_nm, b_nm) = (a.wavelengths_nm(), b.wavelengths_nm());
-    let common: Vec<f64> = match (a, b) {
-        (_, LensData::Design(..)) => a_nm.clone(),
-        (LensData::Design(..), LensData::Pack(_)) => b_nm.clone(),
-        (LensData::Pack(_), LensData::Pack(_)) => {
-            let equal = |x: &f64, y: &f64| (x - y).abs() < WAVELENGTH_TOLERANCE_NM;
-            a_nm.iter().copied().filter(|x| b_nm.iter().any(|y| equal(x, y))).collect()
-        }
-    };
-    if common.is_empty() {
-        let list = pipeline::wavelengths::format;
-        return Err(usage(format!(
-            "the packs have no common wavelength: {} nm and {} nm",
-            list(&a_nm),
-            list(&b_nm)
-        )));
+/// The lens `name`, `pack` if it is one; the design flags apply to designs only.
+fn lens(name: &str, pack: Option<LensPack>, args: &DiffArgs) -> Result<LensData> {
+    match pack {
+        Some(pack) => Ok(LensData::Pack(Box::new(pack))),
+        None => LensData::open(name, &args.design),
     }
-    Ok(common)
 }
 
 fn pairs(a: &LensSamples, b: &LensSamples, film_pitch_um: f64) -> Vec<Pair> {
@@ -87,17 +82,6 @@ fn pairs(a: &LensSamples, b: &LensSamples, film_pitch_um: f64) -> Vec<Pair> {
         }
     }
     pairs
-}
-
-/// Scalars of the lenses: name, value of A, value of B.
-fn scalars(a: &LensSamples, b: &LensSamples) -> [(&'static str, f64, f64); 4] {
-    let (a, b) = (&a.lens, &b.lens);
-    [
-        ("effective_focal_length_mm", a.effective_focal_length_mm, b.effective_focal_length_mm),
-        ("distortion_focal_length_mm", a.distortion_focal_length_mm, b.distortion_focal_length_mm),
-        ("f_number", a.f_number, b.f_number),
-        ("magnification", a.magnification, b.magnification),
-    ]
 }
 
 /// Quantity that is compared at each field point: name, digits after the point, value.
@@ -117,7 +101,7 @@ fn json(args: &DiffArgs, samples: &(LensSamples, LensSamples), pairs: &[Pair]) -
         .iter()
         .map(|p| json!({ "wavelength_nm": p.a.wavelength_nm, "image_height_mm": p.a.height_mm, "a": p.a.json(), "b": p.b.json(), "psf_l1": p.l1 }))
         .collect();
-    let scalars: serde_json::Map<String, Value> = scalars(&samples.0, &samples.1)
+    let scalars: serde_json::Map<String, Value> = scalars(&samples.0.lens, &samples.1.lens)
         .into_iter()
         .map(|(name, a, b)| (name.to_owned(), json!({ "a": a, "b": b, "b_minus_a": b - a })))
         .collect();
@@ -152,7 +136,7 @@ fn text(
 ) -> String {
     let mut out = format!("A  {}  ({})\nB  {}  ({})\n\n", a.name(), args.a, b.name(), args.b);
     out += &format!("{:<28} {:>14} {:>14} {:>12}\n", "", "A", "B", "B - A");
-    for (name, a, b) in scalars(&samples.0, &samples.1) {
+    for (name, a, b) in scalars(&samples.0.lens, &samples.1.lens) {
         out += &format!("{name:<28} {a:>14.6} {b:>14.6} {:>12.2e}\n", b - a);
     }
     out += &format!(

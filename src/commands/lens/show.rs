@@ -36,7 +36,7 @@ const SHARES: [f64; 5] = [0.0, 0.25, 0.5, 0.75, 1.0];
 /// Runs the command.
 pub fn command(args: &ShowArgs) -> Result<()> {
     if let Some(pack) = asymmetric::pack(args)? {
-        return asymmetric::show(args, &pack);
+        return asymmetric::show(args, pack);
     }
     if let Some(system) = asymmetric_design::opened(args)? {
         return asymmetric_design::show(args, &system);

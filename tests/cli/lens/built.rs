@@ -94,15 +94,59 @@ fn a_pack_of_a_drawn_lens_makes_films_and_other_commands_refuse_it_in_one_line()
     assert!(shown.stdout.contains("map") && shown.stdout.contains("azimuths"), "{}", shown.stdout);
     job.run("cache", "film", &["--lens", text(&pack)]).ok();
     let refused: [&[&str]; 3] = [
-        &["lens", "diff", text(&pack), "double-gauss-28"],
+        &["lens", "show", text(&pack), "--csv", "tables"],
         &["bench", "--lens", text(&pack)],
         &["validate", "--lens", text(&pack), "--out", "report"],
     ];
     for words in refused {
-        assert_error_line(&lenscube(words), USAGE, &["no rotational symmetry"]);
+        assert_error_line(&lenscube(words), USAGE, &["rotational symmetry"]);
     }
+    show_and_diff(&job, &pack);
     let twice = job.run("cache", "film", &["--lens", text(&pack), "--tolerances", text(&file)]);
     assert_error_line(&twice, USAGE, &["--tolerances: expected a design"]);
+}
+
+/// Figures of `pack`, and its differences from its design and from itself.
+fn show_and_diff(job: &DesignJob, pack: &Path) {
+    let (figures, design) = (job.at("figures"), job.at("my.zmx"));
+    let show = ["lens", "show", text(pack), "--plot", text(&figures)];
+    lenscube(&show).ok();
+    for name in ["map", "psf", "nodes", "errors"] {
+        let svg = fs::read_to_string(figures.join(format!("{name}.svg"))).unwrap();
+        assert!(svg.contains("<svg") && !svg.contains("NaN"), "{name}");
+        assert!(figures.join(format!("{name}.png")).is_file(), "{name}");
+    }
+    assert_error_line(&lenscube(&show), OTHER_JOB, &["map.svg"]);
+
+    let diff = |b: &Path, flags: &[&str]| {
+        let words = ["lens", "diff", text(pack), text(b), "--film-pitch-um", "10", "--json"];
+        json(lenscube(&[&words[..], flags].concat()))
+    };
+    let same = diff(pack, &[]);
+    assert_eq!(same["bands"].as_array().unwrap().len(), 2);
+    assert_eq!(same["fields"].as_array().unwrap().len(), 18);
+    let size = |found: &Value, key: &str| found["bands"][0][key].as_f64().unwrap();
+    assert!(size(&same, "largest_shift_um") < 1e-5 && size(&same, "largest_psf_l1") == 0.0, "{same}");
+    // From the design: the boresight of the drawn lens, which goes away, and a smaller rest.
+    let (kept, removed) = (diff(&design, &[]), diff(&design, &["--boresight", "remove"]));
+    let of = |found: &Value, side: &str| -> f64 {
+        let at = found["bands"][0]["boresight_um"][side].as_array().unwrap();
+        at[0].as_f64().unwrap().hypot(at[1].as_f64().unwrap())
+    };
+    assert!(of(&kept, "a") > 1.0 && of(&kept, "b") < 1e-6, "{kept}");
+    assert!((size(&kept, "largest_shift_um") / of(&kept, "a") - 1.0).abs() < 0.2, "{kept}");
+    assert!(size(&removed, "largest_shift_um") < 0.3 * size(&kept, "largest_shift_um"), "{removed}");
+    assert!((0.001..1.0).contains(&size(&kept, "largest_psf_l1")), "{kept}");
+    let text_of = lenscube(&["lens", "diff", text(&design), text(pack), "--wavelengths", "450"]).ok();
+    assert!(text_of.stdout.contains("450.00 nm: boresight A (0.000, 0.000) µm"), "{}", text_of.stdout);
+    let heights = lenscube(&["lens", "diff", text(pack), text(&design), "--heights", "0,1"]);
+    assert_error_line(
+        &heights,
+        USAGE,
+        &["--heights: expected lenses with rotational symmetry", "built.lens"],
+    );
+    let nm = lenscube(&["lens", "diff", text(pack), text(&design), "--wavelengths", "460"]);
+    assert_error_line(&nm, USAGE, &["has no band at 460 nm"]);
 }
 
 #[test]
