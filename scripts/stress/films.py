@@ -19,15 +19,16 @@ class Job:
 
     name: str
     chart: str  # kind of chart, a key of CHARTS
-    lens: str  # "built-in", or kind of pack: "pack", "zip"
+    lens: str  # "built-in", kind of pack: "pack", "zip"; or "built": a design with manufacturing errors
     flags: tuple  # that change the film
 
     def arguments(self, folder):
         """(path of the chart, flags)."""
         chart, flags = CHARTS[self.chart]
-        pack = {"built-in": "double-gauss-28-npz", "pack": folder / "lens/lens.lens.zarr", "zip": folder / "lens/lens.zip"}[self.lens]
+        lens = {"built-in": ["double-gauss-28-npz"], "pack": [folder / "lens/lens.lens.zarr"], "zip": [folder / "lens/lens.zip"],
+                "built": [folder / "lens/design.csv", "--tolerances", folder / "lens/tolerances.toml"]}[self.lens]
         window = ["--psf-window", "9", "--memory", "256MiB", "--device", "cpu"]
-        return folder / f"chart-{self.chart}" / chart, [*flags, "--lens", pack, *window, *self.flags]
+        return folder / f"chart-{self.chart}" / chart, [*flags, "--lens", *lens, *window, *self.flags]
 
 
 @dataclass

@@ -44,7 +44,8 @@ class Round:
     def __init__(self, workspace, seed, number, script=None):
         self.workspace, self.number = workspace, number
         self.rng = random.Random(f"{seed}/{number}")
-        self.script = script or ScriptWriter(self.rng, list(workspace.machines), bool(workspace.disk), workspace.theme).script
+        theme = workspace.theme or ("built" if number == BUILT_ROUND else None)
+        self.script = script or ScriptWriter(self.rng, list(workspace.machines), bool(workspace.disk), theme).script
         self.folder = workspace.folder / f"round-{number}"
         self.place = (workspace.disk if self.script.small else self.folder) / "work"
         self.film = self.place / "film.zarr"

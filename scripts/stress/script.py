@@ -26,7 +26,7 @@ ONCE = ["film-opened", "job-ready", "locked", "tiles-begin", "film-removed", "sh
 OFTEN = ["commit", "commit-checked", "layer-made", "layer-committed"]
 VEIL = ("--scatter", "3%,r0=5,slope=2.2")
 FOREIGN_FILES = ["notes.txt", "film.zarr/notes.txt", "film.zarr/film/c/notes.txt", ".tmp-notes", "film.zarr/.DS_Store"]
-THEMES = {"workers": 4, "runs": 4, "sleeper": 5, "input": 4, "disk": 3, "mixture": 3}
+THEMES = {"workers": 4, "runs": 4, "sleeper": 5, "input": 4, "disk": 3, "mixture": 3, "built": 1}
 
 
 @dataclass
@@ -54,10 +54,12 @@ class ScriptWriter:
         lens = rng.choices(["built-in", "pack", "zip"], [5, 3, 1])[0]
         layout = rng.choice(LAYOUTS)
         other = rng.choices(OTHERS, [6, 3, 3, 1, 1, 1, 1, 1])[0]
+        if theme == "built":
+            lens, other = "built", ("--lens-sample", "1")
         # A run without --codec keeps the codec of an existing film, so that B would not be another job.
         codec = ("--codec", "lz4") if other[0] == "--codec" else ()
         # Light that spreads far: a layer per band, computed before its tiles.
-        scatter = rng.choice([(), (), VEIL])
+        scatter = () if lens == "built" else rng.choice([(), (), VEIL])
         jobs = {"A": Job("A", chart, lens, ("--azimuths", "4", *codec, *scatter, *layout))}
         flags = (*other, *scatter, *layout) if other[0] == "--azimuths" else ("--azimuths", "4", *other, *scatter, *layout)
         jobs["B"] = Job("B", chart if rng.random() < 0.7 else rng.choice(list(CHARTS)), lens, flags)
@@ -149,6 +151,12 @@ class ScriptWriter:
         if self.rng.random() < 0.7:
             at = self.rng.uniform(0.1, 1.5)
             self.send_signals(self.replace(at), at)
+
+    def built(self):
+        """Films of lenses as built: a run is killed while its lens is traced or its film computed; further runs resume or replace it."""
+        name = self.start("run", "A", 0.0, fault=self.fault("kill") if self.rng.random() < 0.5 else None)
+        self.step("signal", self.rng.uniform(0.05, 3.0), name=name, signal="KILL")
+        self.runs()
 
     def sleeper(self):
         """A worker is stopped, its film is replaced, the worker continues."""
