@@ -7,7 +7,7 @@
 //! ```
 //! All at the primary wavelength. A lens fails if a field has no chief ray, or less than a hundredth of the nominal lens's light.
 
-use super::compensate::{Compensated, Focused, focused};
+use super::compensate::{Compensated, compensate};
 use super::fields::{Colours, Field, in_parallel};
 use super::figures::LensFigures;
 use super::set::Tolerances;
@@ -88,13 +88,12 @@ impl<'a> Batch<'a> {
         criterion: &'a Criterion,
         corner_mm: f64,
     ) -> Result<Self, SkewError> {
-        let lens = BuiltLens::new(system, &[])?;
-        let (adjusted, focused) = focused(&lens, &compensation, criterion, corner_mm)?;
+        let adjusted = compensate(&BuiltLens::new(system, &[])?, &compensation, criterion, corner_mm)?;
         let places = criterion.fields.places(corner_mm);
         let colours = Colours::new(&adjusted.lens)?;
         let tracer = colours.primary();
         let light_sr = solid_angle_sr(tracer)?;
-        let fields = fields_of(&colours, &adjusted, &focused, &places)?;
+        let fields = colours.fields(&places)?;
         let light = in_parallel(&fields, |field| light_of(tracer, field))?;
         let nominal = Nominal {
             places,
@@ -117,14 +116,11 @@ impl<'a> Batch<'a> {
     /// A field without chief ray or light.
     pub fn assess(&self, values: &[f64]) -> Result<AssessedLens, LensFailure> {
         let drawn = BuiltLens::new(self.system, &self.tolerances.deviations(values))?;
-        let (compensated, focused) = focused(&drawn, &self.compensation, self.criterion, self.corner_mm)?;
+        let compensated = compensate(&drawn, &self.compensation, self.criterion, self.corner_mm)?;
         let colours = Colours::new(&compensated.lens)?;
-        let fields = fields_of(&colours, &compensated, &focused, &self.nominal.places)?;
+        let fields = colours.fields(&self.nominal.places)?;
         let illumination_change = self.illumination_change(colours.primary(), &fields)?;
-        let figures = match &focused.rays {
-            Some(rays) => self.criterion.figures_of_rays(rays),
-            None => self.criterion.figures_of(&colours, &fields)?,
-        };
+        let figures = self.criterion.figures_of(&colours, &fields)?;
         let (boresight_mm, shift_mm) = self.shift(colours.primary())?;
         drop(colours);
         Ok(AssessedLens { compensated, figures, boresight_mm, shift_mm, illumination_change })
@@ -160,19 +156,6 @@ impl<'a> Batch<'a> {
             largest = largest.max((sr / centre_sr - before).abs());
         }
         Ok(largest)
-    }
-}
-
-/// The fields of `places` of an adjusted lens: those of its focus, unless its film has moved sideways.
-fn fields_of(
-    colours: &Colours<'_>,
-    adjusted: &Compensated,
-    focused: &Focused,
-    places: &[[f64; 2]],
-) -> Result<Vec<Field>, SkewError> {
-    match adjusted.boresight_mm == [0.0; 2] {
-        true => colours.followed(&focused.fields),
-        false => colours.fields(places),
     }
 }
 

@@ -7,19 +7,16 @@
 //! Σ w |ρ − ρ̄ + (s − s̄) δ|²,   δ = dz,  or  δ = dz + αx y − αy x  with the tilt of the film,   y = −Y
 //! ```
 //! least at dz = −Σ w (ρ − ρ̄)·(s − s̄)/Σ w |s − s̄|², or at the solution of the normal equations in (dz, αx, αy). Real rays are
-//! straight there, and the second of two such steps accounts for the fields having moved. For an MTF as criterion one such step is
-//! followed by a search: its mean is maximised by golden section within ± 2 λ N² of that focus (λ the primary wavelength, N the working
-//! F-number of the nominal lens), and again around an end of that range if it is greatest there. The rays of the search are kept: at the
-//! film that is found they are where straight lines meet it (`Focused`).
+//! straight there, and the second of two such steps accounts for the fields having moved. For an MTF as criterion its mean is then
+//! maximised by golden section within ± 2 λ N² of that focus (λ the primary wavelength, N the working F-number of the nominal
+//! lens), and again around an end of that range if it is greatest there.
 //!
 //! Errors of the film's place along the light are those of its mount AFTER focusing: the shift of a film error is left out when the
 //! lens is focused, and acts on the result. Its tilt and decentre are there from the beginning. The lens without errors is focused
 //! like any other: its shift is that from the film of the design to the focus of the criterion.
 
-use rayon::prelude::*;
-
-use super::fields::{Colours, Field, FieldBundles, FilmBundle, in_parallel};
-use super::focus_mtf::{FocusMtf, PUPIL_RAYS};
+use super::fields::{Colours, Field, FilmBundle, in_parallel};
+use super::focus_mtf::FocusMtf;
 use super::settings::{Boresight, Compensation, Criterion, CriterionKind};
 use crate::design::skew::deviation::Deviation;
 use crate::design::skew::error::SkewError;
@@ -28,9 +25,8 @@ use crate::design::skew::trace_map::without_boresight;
 
 /// Rings and spokes of the rays of a spot that focus it.
 const FOCUS_RAYS: [usize; 3] = [6, 16, 0];
-/// Steps of least squares, and if a search follows.
+/// Steps of least squares.
 const STEPS: usize = 2;
-const STEPS_BEFORE_SEARCH: usize = 1;
 /// A pivot below this, of the greatest, is that of a tilt which no field determines.
 const PIVOT: f64 = 1e-9;
 /// Range of the search for the greatest MTF, of λ N², and its accuracy.
@@ -56,15 +52,6 @@ pub struct Compensated {
     pub notes: Vec<String>,
 }
 
-/// The fields of a lens after its adjustment.
-pub(super) struct Focused {
-    /// As they were at the film before the last shift; their openings keep their corners.
-    pub(super) fields: Vec<Field>,
-    /// Their rays of all wavelengths at the film as adjusted, with the MTF there; none if they were not traced, or if the film has moved
-    /// sideways since.
-    pub(super) rays: Option<Vec<(FieldBundles, [f64; 2])>>,
-}
-
 /// Adjusts `lens`, drawn but not compensated, for the criterion's fields on a film whose corner is `corner_mm` from its centre.
 ///
 /// # Errors
@@ -75,48 +62,28 @@ pub fn compensate(
     criterion: &Criterion,
     corner_mm: f64,
 ) -> Result<Compensated, SkewError> {
-    Ok(focused(lens, compensation, criterion, corner_mm)?.0)
-}
-
-/// [`compensate`] with the fields.
-///
-/// # Errors
-/// As there.
-pub(super) fn focused(
-    lens: &BuiltLens,
-    compensation: &Compensation,
-    criterion: &Criterion,
-    corner_mm: f64,
-) -> Result<(Compensated, Focused), SkewError> {
     let places = criterion.fields.places(corner_mm);
     let mut focus = Focus::new(lens, compensation)?;
     let mut fields = Colours::new(&focus.lens)?.fields(&places)?;
-    let frequency_per_mm = match criterion.kind {
-        CriterionKind::Mtf { frequency_per_mm } if focus.limits_mm.is_some() => Some(frequency_per_mm),
-        _ => None,
-    };
-    for _ in 0..frequency_per_mm.map_or(STEPS, |_| STEPS_BEFORE_SEARCH) {
+    for _ in 0..STEPS {
         focus.step(&mut fields)?;
     }
-    let mut rays = None;
-    if let Some(frequency_per_mm) = frequency_per_mm {
-        rays = Some(focus.search(&mut fields, frequency_per_mm)?);
+    if let (Some(_), CriterionKind::Mtf { frequency_per_mm }) = (focus.limits_mm, criterion.kind) {
+        focus.search(&mut fields, frequency_per_mm)?;
     }
     let mut built = lens.with(&focus.film())?;
     let mut boresight_mm = [0.0; 2];
     if compensation.boresight == Boresight::Remove {
         (built, boresight_mm) = without_boresight(&built)?;
-        rays = None;
     }
-    let compensated = Compensated {
+    Ok(Compensated {
         lens: built,
         film_shift_mm: focus.shift_mm,
         film_tilt_rad: focus.tilt_rad,
         boresight_mm,
         at_limit: focus.is_at_limit(),
         notes: focus.notes(),
-    };
-    Ok((compensated, Focused { fields, rays }))
+    })
 }
 
 /// The adjustment so far.
@@ -125,8 +92,6 @@ struct Focus {
     lens: BuiltLens,
     /// Whether the light goes along z of the lens frame where it meets the film, 1 or −1.
     direction: f64,
-    /// The shift of its film's mount, mm along the light, which acts after focusing.
-    mount_mm: f64,
     limits_mm: Option<(f64, f64)>,
     has_tilt: bool,
     is_tilt_undetermined: bool,
@@ -137,20 +102,17 @@ struct Focus {
 impl Focus {
     fn new(lens: &BuiltLens, compensation: &Compensation) -> Result<Self, SkewError> {
         let mut deviations = lens.deviations().to_vec();
-        let mut mount_mm = 0.0;
         let mut has_shift = false;
         for deviation in &mut deviations {
             if let Deviation::Film { shift_mm, .. } = deviation {
                 has_shift |= *shift_mm != 0.0;
-                mount_mm += std::mem::take(shift_mm);
+                *shift_mm = 0.0;
             }
         }
         let nominal = lens.nominal();
-        let direction = nominal.axis()[nominal.image()].1;
         Ok(Self {
-            mount_mm: direction * mount_mm,
             lens: if has_shift { BuiltLens::new(nominal, &deviations)? } else { lens.clone() },
-            direction,
+            direction: nominal.axis()[nominal.image()].1,
             limits_mm: compensation.focus_um.map(|(low, high)| (low * 1e-3, high * 1e-3)),
             has_tilt: compensation.film_tilt,
             is_tilt_undetermined: false,
@@ -206,12 +168,8 @@ impl Focus {
         Ok(())
     }
 
-    /// To the greatest mean MTF; the rays of the fields at the film there, with the shift of its mount, and their MTF.
-    fn search(
-        &mut self,
-        fields: &mut Vec<Field>,
-        frequency_per_mm: f64,
-    ) -> Result<Vec<(FieldBundles, [f64; 2])>, SkewError> {
+    /// To the greatest mean MTF.
+    fn search(&mut self, fields: &mut Vec<Field>, frequency_per_mm: f64) -> Result<(), SkewError> {
         let lens = self.lens.with(&self.film())?;
         let colours = Colours::new(&lens)?;
         let depth_mm =
@@ -219,12 +177,9 @@ impl Focus {
         let (half_mm, accuracy_mm) = (SEARCH * depth_mm, SEARCH_ACCURACY * depth_mm);
         let reach_mm = SEARCHES as f64 * half_mm;
         *fields = colours.followed(fields)?;
-        let traced = in_parallel(fields, |field| {
-            let bundles = FieldBundles::trace(&colours, field, PUPIL_RAYS)?;
-            let curve = FocusMtf::new(&bundles, frequency_per_mm, reach_mm);
-            Ok((bundles, curve))
-        })?;
-        let mean = |shift: f64| -> f64 { traced.iter().map(|(_, curve)| curve.mean(shift)).sum() };
+        let mtf = |field: &Field| FocusMtf::trace(&colours, field, frequency_per_mm, reach_mm);
+        let curves = in_parallel(fields, mtf)?;
+        let mean = |shift: f64| -> f64 { curves.iter().map(|f| f.mean(shift)).sum() };
         let mut found = 0.0;
         for _ in 0..SEARCHES {
             let ends = [found - half_mm, found + half_mm];
@@ -238,18 +193,8 @@ impl Focus {
                 break;
             }
         }
-        let before_mm = self.shift_mm;
         self.shift_mm = self.limited(self.shift_mm + found);
-        let moved_mm = self.shift_mm - before_mm + self.mount_mm;
-        let at_film = |(mut rays, curve): (FieldBundles, FocusMtf)| {
-            rays.move_film(moved_mm);
-            let mtf = match moved_mm.abs() <= reach_mm {
-                true => curve.at(moved_mm),
-                false => FocusMtf::new(&rays, frequency_per_mm, 0.0).at(0.0),
-            };
-            (rays, mtf)
-        };
-        Ok(traced.into_par_iter().map(at_film).collect())
+        Ok(())
     }
 
     fn limited(&self, shift_mm: f64) -> f64 {

@@ -8,7 +8,7 @@
 //! The criterion is the mean over the places: of the spot's radius in µm, of the wavefront error in waves, or of the MTF, sagittal
 //! and tangential alike.
 
-use super::fields::{ColourBundle, Colours, Field, FieldBundles, FilmBundle, in_parallel};
+use super::fields::{Colours, Field, FilmBundle, in_parallel};
 use super::focus_mtf::{FocusMtf, PUPIL_RAYS};
 use super::settings::{Criterion, CriterionKind};
 use crate::design::skew::error::SkewError;
@@ -53,53 +53,46 @@ impl Criterion {
         colours: &Colours<'_>,
         fields: &[Field],
     ) -> Result<LensFigures, SkewError> {
-        let [rings, spokes, on_rim] = PUPIL_RAYS;
-        // Only an MTF needs the rims.
-        let on_rim = if matches!(self.kind, CriterionKind::Mtf { .. }) { on_rim } else { 0 };
-        let traced = in_parallel(fields, |field| {
-            let rays = FieldBundles::trace(colours, field, [rings, spokes, on_rim])?;
-            let mtf = match self.kind {
-                CriterionKind::Mtf { frequency_per_mm } => {
-                    Some(FocusMtf::new(&rays, frequency_per_mm, 0.0).at(0.0))
-                }
-                _ => None,
-            };
-            Ok(of_rays(&rays, mtf))
-        });
-        Ok(self.of_fields(traced?))
-    }
-
-    /// The figures of these fields from their rays and their MTF.
-    pub(super) fn figures_of_rays(&self, fields: &[(FieldBundles, [f64; 2])]) -> LensFigures {
-        self.of_fields(fields.iter().map(|(rays, mtf)| of_rays(rays, Some(*mtf))).collect())
-    }
-
-    fn of_fields(&self, fields: Vec<FieldFigures>) -> LensFigures {
+        let fields = in_parallel(fields, |field| self.field(colours, field))?;
         let value = |f: &FieldFigures| match self.kind {
             CriterionKind::Mtf { .. } => f.mtf.map_or(0.0, |[s, t]| 0.5 * (s + t)),
             CriterionKind::RmsSpot => f.rms_spot_um,
             CriterionKind::RmsWavefront => f.rms_wavefront,
         };
         let criterion = fields.iter().map(value).sum::<f64>() / fields.len() as f64;
-        LensFigures { fields, criterion }
+        Ok(LensFigures { fields, criterion })
     }
-}
 
-/// Figures of a field with an MTF.
-fn of_rays(field: &FieldBundles, mtf: Option<[f64; 2]>) -> FieldFigures {
-    let primary = field.colours.iter().find(|c| c.is_primary);
-    FieldFigures {
-        place_mm: field.place,
-        rms_spot_um: 1e3 * spot_mm(&field.colours),
-        rms_wavefront: primary.map_or(0.0, |c| wavefront_mm(&c.bundle) / (1e-3 * c.wavelength_um)),
-        mtf,
+    fn field(&self, colours: &Colours<'_>, field: &Field) -> Result<FieldFigures, SkewError> {
+        let place = field.place;
+        let [rings, spokes, on_rim] = PUPIL_RAYS;
+        // Only an MTF needs the rims.
+        let on_rim = if matches!(self.kind, CriterionKind::Mtf { .. }) { on_rim } else { 0 };
+        let (mut bundles, mut rms_wavefront) = (Vec::new(), 0.0);
+        for (i, (tracer, weight)) in colours.tracers.iter().enumerate() {
+            let bundle = FilmBundle::trace(tracer, field, [rings, spokes, on_rim])?;
+            if colours.is_primary(i) {
+                rms_wavefront = wavefront_mm(&bundle) / (1e-3 * tracer.wavelength_um);
+            }
+            if *weight > 0.0 {
+                bundles.push((tracer.wavelength_um, *weight, bundle));
+            }
+        }
+        let mtf = match self.kind {
+            // The slopes of the chief ray only matter for other positions of the film.
+            CriterionKind::Mtf { frequency_per_mm } => {
+                Some(FocusMtf::new(&bundles, place, [0.0; 2], frequency_per_mm, 0.0).at(0.0))
+            }
+            _ => None,
+        };
+        Ok(FieldFigures { place_mm: place, rms_spot_um: 1e3 * spot_mm(&bundles), rms_wavefront, mtf })
     }
 }
 
 /// RMS radius about the centroid of all, mm.
-fn spot_mm(colours: &[ColourBundle]) -> f64 {
+fn spot_mm(bundles: &[(f64, f64, FilmBundle)]) -> f64 {
     let rays =
-        || colours.iter().flat_map(|c| c.bundle.rays.iter().map(move |r| (c.weight * r.weight, r.at_mm)));
+        || bundles.iter().flat_map(|(_, weight, b)| b.rays.iter().map(move |r| (weight * r.weight, r.at_mm)));
     let mut mean = [0.0; 2];
     for (w, [x, y]) in rays() {
         mean = [mean[0] + w * x, mean[1] + w * y];

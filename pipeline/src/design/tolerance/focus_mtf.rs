@@ -11,8 +11,9 @@
 
 use std::f64::consts::TAU;
 
-use super::fields::{ColourBundle, FieldBundles, FilmBundle};
+use super::fields::{Colours, Field, FilmBundle};
 use super::pupil_fit::PupilFit;
+use crate::design::skew::error::SkewError;
 use crate::real;
 
 /// Rings and spokes of rays of a pupil function, and rays on its rim.
@@ -41,18 +42,37 @@ fn directions([x, y]: [f64; 2]) -> [[f64; 2]; 2] {
 }
 
 impl FocusMtf {
-    /// Of the rays of a field, for shifts of the film up to ± `reach_mm`.
-    pub(super) fn new(field: &FieldBundles, frequency_per_mm: f64, reach_mm: f64) -> Self {
-        let directions = directions(field.place);
-        let transfer = |c: &ColourBundle| {
-            let fit = PupilFit::new(&c.bundle);
-            directions.map(|direction| {
-                let light = (c.wavelength_um, c.weight);
-                Transfer::new(&fit, &c.bundle, light, direction, field.slopes, frequency_per_mm, reach_mm)
+    /// Traces `field`, for shifts of the film up to ± `reach_mm`.
+    pub(super) fn trace(
+        colours: &Colours<'_>,
+        field: &Field,
+        frequency_per_mm: f64,
+        reach_mm: f64,
+    ) -> Result<Self, SkewError> {
+        let bundles = colours.tracers.iter().filter(|(_, weight)| *weight > 0.0).map(|(tracer, weight)| {
+            Ok((tracer.wavelength_um, *weight, FilmBundle::trace(tracer, field, PUPIL_RAYS)?))
+        });
+        let chief = colours.primary().ray(field.t, 0.0, 0.0)?;
+        let slopes = [chief.l.v / chief.n, chief.m.v / chief.n];
+        let bundles = bundles.collect::<Result<Vec<_>, SkewError>>()?;
+        Ok(Self::new(&bundles, field.place, slopes, frequency_per_mm, reach_mm))
+    }
+
+    /// Of bundles with their wavelengths, µm, and weights, at `place`.
+    pub(super) fn new(
+        bundles: &[(f64, f64, FilmBundle)],
+        place: [f64; 2],
+        slopes: [f64; 2],
+        frequency_per_mm: f64,
+        reach_mm: f64,
+    ) -> Self {
+        let transfer = |(um, weight, bundle): &(f64, f64, FilmBundle)| {
+            let fit = PupilFit::new(bundle);
+            directions(place).map(|direction| {
+                Transfer::new(&fit, bundle, (*um, *weight), direction, slopes, frequency_per_mm, reach_mm)
             })
         };
-        let seen = field.colours.iter().filter(|c| c.weight > 0.0);
-        Self { transfers: seen.map(transfer).collect() }
+        Self { transfers: bundles.iter().map(transfer).collect() }
     }
 
     /// MTF, sagittal and tangential, with the film shifted by `shift_mm`.

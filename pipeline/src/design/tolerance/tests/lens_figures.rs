@@ -2,8 +2,8 @@
 
 use std::f64::consts::PI;
 
-use super::super::fields::{Colours, FieldBundles, FilmBundle};
-use super::super::focus_mtf::{FocusMtf, PUPIL_RAYS};
+use super::super::fields::{Colours, FilmBundle};
+use super::super::focus_mtf::FocusMtf;
 use super::super::*;
 use crate::design::figures::tests::parabolic_mirror;
 use crate::design::pupil::test_lenses;
@@ -169,8 +169,7 @@ fn mtf_through_focus_is_that_of_shifted_films() {
     let place = [9.0, -6.0];
     let colours = Colours::new(&lens).unwrap();
     let field = colours.fields(&[place]).unwrap().remove(0);
-    let through = FieldBundles::trace(&colours, &field, PUPIL_RAYS).unwrap();
-    let through = FocusMtf::new(&through, 40.0, 0.05);
+    let through = FocusMtf::trace(&colours, &field, 40.0, 0.05).unwrap();
     for shift_mm in [-0.04, 0.0, 0.025] {
         let film = Deviation::Film { decentre_mm: [0.0; 2], tilt_rad: [0.0; 2], shift_mm };
         let moved = lens.with(&[film]).unwrap();
@@ -178,8 +177,7 @@ fn mtf_through_focus_is_that_of_shifted_films() {
         // The same field, so another place of the film.
         let chief = moved_colours.primary().chief(field.t).unwrap().at_mm;
         let there = moved_colours.fields(&[chief]).unwrap();
-        let there = FieldBundles::trace(&moved_colours, &there[0], PUPIL_RAYS).unwrap();
-        let there = FocusMtf::new(&there, 40.0, 0.0);
+        let there = FocusMtf::trace(&moved_colours, &there[0], 40.0, 0.0).unwrap();
         for (a, b) in through.at(shift_mm).into_iter().zip(there.at(0.0)) {
             assert!((a - b).abs() < 2e-5, "{shift_mm}: {a} {b}");
         }
