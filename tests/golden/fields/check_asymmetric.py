@@ -23,6 +23,7 @@ from scipy.interpolate import BSpline, make_interp_spline
 from optiland_asymmetric import DESIGNS, UM, Rays
 
 CHIEF_MM, FOCAL = 1e-6, 1e-6
+PITCH_UM = 5
 FLIPS = [np.array(m, float) for a in (1, -1) for b in (1, -1) for m in ([[a, 0], [0, b]], [[0, a], [b, 0]])]
 
 
@@ -65,7 +66,7 @@ def check(lenscube, folder, name):
     design, out = folder / f"{name}.json", folder / f"{name}.lens.zarr"
     save_optiland_file(optic, str(design))
     if not out.exists():
-        words = [lenscube, "lens", "trace", design, out, "--wavelengths", round(1e3 * UM), "--film-mm", f"{size_mm}x{size_mm}", "--film-pitch-um", 5, "--tails", "off"]
+        words = [lenscube, "lens", "trace", design, out, "--wavelengths", round(1e3 * UM), "--film-size", round(1e3 * size_mm / PITCH_UM), "--film-pitch-um", PITCH_UM]
         done = subprocess.run([*map(str, words)], capture_output=True, text=True)
         if done.returncode:
             print(f"{name:20} `{' '.join(map(str, words))}`: exit {done.returncode}: {done.stderr.strip()}  FAIL")
