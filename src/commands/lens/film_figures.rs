@@ -39,7 +39,7 @@ const MARGIN: f64 = 0.95;
 /// Most errors in the figure.
 const MAX_BARS: usize = 60;
 
-/// Fails (exit code 3) if [`write`] would replace a file, unless `overwrite`.
+/// Fails (exit code 3) if [`write()`] would replace a file, unless `overwrite`.
 ///
 /// # Errors
 /// A figure exists.
@@ -47,7 +47,7 @@ pub fn check_absent(dir: &Path, overwrite: bool) -> Result<()> {
     check_absent_in(dir, all_files(), overwrite)
 }
 
-/// Names of all files that [`write`] may write.
+/// Names of all files that [`write()`] may write.
 pub fn all_files() -> impl Iterator<Item = String> {
     FIGURES.iter().flat_map(|name| EXTENSIONS.map(|e| format!("{name}.{e}")))
 }
