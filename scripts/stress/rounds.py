@@ -19,6 +19,7 @@ EXPORTS = ["npy", "png"]  # other formats contain the path of the film
 CODES = {"run": {0, 1, 3, 75, 130}, "unit": {0, 1, 3, 75, 130}, "plan": {0, 1, 3, 75, 130}, "repair": {0, 1, 3, 4, 75, 130},
          "verify": {0, 1, 3, 4, 75, 130}, "status": {0, 1, 3, 4, 75}, "status-plan": {0, 1, 3, 4, 75},
          "pyramid": {0, 1, 3, 4, 75, 130}, "export": {0, 1, 3, 4, 75, 130}, "into-input": {2}}
+BUILT_ROUND = 0  # has lenses as built, others have them at random
 ENDED_BY_SIGNAL = {-signal.SIGKILL, -signal.SIGINT, -signal.SIGTERM}
 
 
