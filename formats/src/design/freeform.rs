@@ -19,7 +19,8 @@
 use super::draft::DraftSurface;
 use pipeline::design::prescription::freeform::{AlongY, SkewShape, XyTerm};
 use pipeline::design::shape::Shape;
-use pipeline::design::skew::deviation::zernike;
+use pipeline::design::skew::deviation;
+use pipeline::design::zernike;
 
 /// Highest number of a Zernike polynomial: radial order 20.
 pub(super) const MAX_ZERNIKE: usize = 231;
@@ -160,21 +161,13 @@ impl Zernike {
         // Of triangular numberings: the radial order, and the place within it, from 0.
         let n = (0..).find(|n| (n + 1) * (n + 2) / 2 >= k).unwrap_or(0);
         let place = k - n * (n + 1) / 2 - 1;
-        let signed = |m: usize, is_cosine: bool| if is_cosine { m as i32 } else { -(m as i32) };
+        let orders = |z: zernike::Zernike| (z.n, z.m);
         match self {
-            Self::Noll => {
-                let m = if n % 2 == 0 { 2 * place.div_ceil(2) } else { 2 * (place / 2) + 1 };
-                (n as u32, signed(m, k.is_multiple_of(2)))
-            }
+            Self::Noll => orders(zernike::noll(k)),
             Self::Osa => (n as u32, 2 * place as i32 - n as i32),
             Self::CodeV => (n as u32, n as i32 - 2 * place as i32),
-            Self::Fringe if k == 37 => (12, 0),
-            Self::Fringe | Self::FringeOnwards => {
-                let half = (0..).find(|g| (g + 1) * (g + 1) >= k).unwrap_or(0);
-                let place = k - half * half - 1;
-                let m = half - place / 2;
-                ((2 * half - m) as u32, signed(m, place.is_multiple_of(2)))
-            }
+            Self::Fringe => orders(zernike::fringe(k)),
+            Self::FringeOnwards => orders(zernike::by_rising_orders(k)),
         }
     }
 
@@ -193,7 +186,7 @@ impl Zernike {
         let mut terms = Vec::new();
         for (i, a) in coefficients_mm.iter().enumerate().filter(|(_, a)| **a != 0.0) {
             let (n, m) = self.orders(i);
-            for term in zernike(n, m, *a, radius_mm, is_normalised) {
+            for term in deviation::zernike(n, m, *a, radius_mm, is_normalised) {
                 collect(&mut terms, term);
             }
         }

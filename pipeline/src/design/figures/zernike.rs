@@ -45,9 +45,14 @@ pub fn noll(j: usize) -> Zernike {
 
 /// The Fringe polynomial `j`, from 1 to [`TERMS`].
 pub fn fringe(j: usize) -> Zernike {
-    if j >= TERMS {
-        return Zernike { n: 12, m: 0, norm: 1.0 };
+    match j < TERMS {
+        true => by_rising_orders(j),
+        false => Zernike { n: 12, m: 0, norm: 1.0 },
     }
+}
+
+/// The polynomial `j`, from 1 on, by rising n + |m|: up to 36 that of Fringe.
+pub fn by_rising_orders(j: usize) -> Zernike {
     // Group k has the 2k + 1 polynomials with (n + |m|)/2 = k, from |m| = k down to 0.
     let j = j as u32 - 1;
     let k = j.isqrt();
