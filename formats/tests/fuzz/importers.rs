@@ -175,24 +175,39 @@ fn required() -> ImportOptions {
     }
 }
 
-/// A directory of files, one of them damaged in each case.
-fn directory_target(target: &str, files: &[(&str, Vec<u8>)], options: &ImportOptions) {
-    let dir = directory();
-    let at: Vec<PathBuf> = files.iter().map(|(name, _)| dir.path().join(name)).collect();
+/// The paths of `files`, written into `dir`.
+fn written(dir: &Path, files: &[(&str, Vec<u8>)]) -> Vec<PathBuf> {
+    let at: Vec<PathBuf> = files.iter().map(|(name, _)| dir.join(name)).collect();
     at.iter().zip(files).for_each(|(path, (_, bytes))| fs::write(path, bytes).unwrap());
+    at
+}
+
+/// Damages one of `files` at `at` in each case, and mends the one before.
+fn one_damaged(
+    at: &[PathBuf],
+    files: &[(&str, Vec<u8>)],
+    is_text: impl Fn(&str) -> bool,
+) -> impl FnMut(&mut Random) -> Vec<u8> {
     let mut last = 0;
-    let make = |r: &mut Random| {
+    move |r| {
         fs::write(&at[last], &files[last].1).unwrap();
         last = r.below(files.len());
         let mut bytes = files[last].1.clone();
-        match files[last].0.ends_with(".npy") {
-            true => damage(&mut bytes, r),
-            false => damage_text(&mut bytes, r),
+        match is_text(files[last].0) {
+            true => damage_text(&mut bytes, r),
+            false => damage(&mut bytes, r),
         }
         fs::write(&at[last], &bytes).unwrap();
         bytes
-    };
-    fuzz(target, 300, make, |_| match import::open(dir.path(), options) {
+    }
+}
+
+/// A directory of files, one of them damaged in each case.
+fn directory_target(target: &str, files: &[(&str, Vec<u8>)], options: &ImportOptions) {
+    let dir = directory();
+    let at = written(dir.path(), files);
+    let is_text = |name: &str| !name.ends_with(".npy");
+    fuzz(target, 300, one_damaged(&at, files, is_text), |_| match import::open(dir.path(), options) {
         Ok(mut imported) => (0..imported.lens().bands.len()).all(|b| imported.psf(b).is_ok()),
         Err(_) => false,
     });
@@ -291,24 +306,12 @@ sample = \"point\"\ny_up = true\ncentre = \"centroid\"\n";
         ("flat.fits", fits),
     ];
     let dir = directory();
-    let at: Vec<PathBuf> = files.iter().map(|(name, _)| dir.path().join(name)).collect();
-    at.iter().zip(&files).for_each(|(path, (_, bytes))| fs::write(path, bytes).unwrap());
+    let at = written(dir.path(), &files);
     let read = |path: &Path| match import::field::open(path) {
         Ok(mut field) => (0..field.lens().bands.len()).all(|b| field.psf(b).is_ok()),
         Err(_) => false,
     };
     assert!(read(&at[0]) && read(&at[1]));
-    let mut last = 0;
-    let make = |r: &mut Random| {
-        fs::write(&at[last], &files[last].1).unwrap();
-        last = r.below(files.len());
-        let mut bytes = files[last].1.clone();
-        match files[last].0.ends_with(".toml") {
-            true => damage_text(&mut bytes, r),
-            false => damage(&mut bytes, r),
-        }
-        fs::write(&at[last], &bytes).unwrap();
-        bytes
-    };
+    let make = one_damaged(&at, &files, |name| name.ends_with(".toml"));
     fuzz("measured field", 400, make, |_| read(&at[0]) && read(&at[1]));
 }
