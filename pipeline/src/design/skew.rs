@@ -8,6 +8,7 @@
 //! *Film frame*: X right, Y DOWN; *lens frame*: x right, y up, z along the light (heads of [`trace`] and [`system`]).
 
 pub mod aim;
+mod band;
 pub mod chief;
 pub mod deviation;
 pub mod error;

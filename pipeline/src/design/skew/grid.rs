@@ -9,23 +9,17 @@
 mod kernels;
 mod nodes;
 
-use rayon::prelude::*;
-
+use super::band::{Band, MAP_TOLERANCE_PX, Sampling, stack};
 use super::error::SkewError;
 use super::map::FilmRange;
 use super::system::BuiltLens;
 use super::trace::SkewTracer;
 use super::trace_map::trace_map;
-use crate::bounds::PSF_ENERGY;
-use crate::design::prescription::error::DesignError;
-use crate::design::psf::pupil_stack::{PupilStack, normalise};
-use crate::design::psf::{PsfGrid, PsfScratch, PupilFunction};
-use crate::design::tables::trace::{
-    BandReport, LensTrace, OnProgress, Progress, TraceOptions, TracedBand, lens_header, pitch_below,
-};
-use crate::design::tables::window::{Windows, core_samples, half_samples, search};
-use crate::lens::planar::{PlanarBand, PsfPlaces};
-use crate::lens::{Lens, LensBand, PsfSample, PsfStack};
+use crate::design::psf::{PsfGrid, PupilFunction};
+use crate::design::tables::trace::{LensTrace, OnProgress, Progress, TraceOptions, TracedBand, lens_header};
+use crate::design::tables::window::{core_samples, half_samples};
+use crate::lens::Lens;
+use crate::lens::planar::PsfPlaces;
 use crate::real;
 use kernels::PlaceKernels;
 
@@ -37,8 +31,6 @@ const WINDOW_SIDE: usize = 5;
 /// Side of the window that is examined first, µm, and its least, film pixels.
 const FIRST_UM: f64 = 130.0;
 const FIRST_PX: usize = 9;
-/// Accuracy of ideal points of the map, film pixels.
-const MAP_TOLERANCE_PX: f64 = 1e-4;
 /// Maximum samples of the PSFs of a band: 1 GiB in f32.
 const MAX_SAMPLES: usize = 1 << 28;
 
@@ -89,7 +81,7 @@ impl<'a> GridTrace<'a> {
         let traced = trace_map(&tracer, self.film, MAP_TOLERANCE_PX * 1e-3 * options.film_pitch_um)?;
         let mut kernels = PlaceKernels::new(&tracer)?;
         report("window", 0);
-        let (windows, pitch_um) = self.sampling(&mut kernels)?;
+        let Sampling { windows, pitch_um } = self.sampling(&mut kernels)?;
         let film_um = options.film_pitch_um;
         let grid = PsfGrid::new(half_samples(windows.px, film_um, pitch_um), pitch_um);
         let (core_half, core_pitch_um) = core_samples(windows.core_px, film_um, pitch_um);
@@ -100,44 +92,23 @@ impl<'a> GridTrace<'a> {
         let places = nodes.places();
         report("PSFs", 0);
         let functions = kernels.into_functions(&places)?;
-        let (psf, psf_energy) = stack(&functions, &grid);
+        let stacked = stack(&functions, &grid);
         report("PSFs", places.len());
-        let mut shares = places.iter().zip(&psf_energy);
-        if let Some(([x, y], &share)) = shares.find(|(_, s)| **s > PSF_ENERGY.max || s.is_nan()) {
-            let height_mm = real::hypot(*x, *y);
-            return Err(DesignError::Unresolved { height_mm, wavelength_um: nm / 1e3, share }.into());
-        }
-        let report = BandReport {
+        let heights_mm = places.iter().map(|[x, y]| real::hypot(*x, *y));
+        let band = Band {
             wavelength_nm: nm,
-            psf_error: nodes.error,
+            map: traced,
+            nodes: (Vec::new(), Vec::new()),
+            places: PsfPlaces::Cartesian { x_mm: nodes.x_mm, y_mm: nodes.y_mm },
+            error: nodes.error,
             window_px: windows.px,
-            min_energy: psf_energy.iter().copied().fold(1.0, f64::min),
             psfs,
-            no_tail: None,
         };
-        let places = PsfPlaces::Cartesian { x_mm: nodes.x_mm, y_mm: nodes.y_mm };
-        let tables = LensBand {
-            wavelength_nm: nm,
-            ideal_height_mm: Vec::new(),
-            image_height_mm: Vec::new(),
-            relative_illumination: Vec::new(),
-            psf_height_mm: Vec::new(),
-            azimuth_count: Vec::new(),
-            psf_size: grid.size(),
-            psf_pitch_um: grid.pitch_um(),
-            psf_energy,
-            solid_angle_sr: traced.solid_angle_sr,
-            transmission: 1.0,
-            tail: None,
-            planar: Some(PlanarBand { map: traced.planar(), psfs: places }),
-        };
-        let pupils = PupilStack::new(&grid, functions);
-        Ok(TracedBand { tables, psf, pupils, report })
+        band.with_psfs(stacked, &grid, functions, heights_mm)
     }
 
     /// Windows and sample pitch.
-    fn sampling(&self, kernels: &mut PlaceKernels<'_>) -> Result<(Windows, f64), SkewError> {
-        let (options, film_um) = (self.options, self.options.film_pitch_um);
+    fn sampling(&self, kernels: &mut PlaceKernels<'_>) -> Result<Sampling, SkewError> {
         let share = |i: usize| i as f64 / (WINDOW_SIDE - 1) as f64;
         let places: Vec<[f64; 2]> = (0..WINDOW_SIDE * WINDOW_SIDE)
             .map(|k| self.film.at([share(k % WINDOW_SIDE), share(k / WINDOW_SIDE)]))
@@ -145,38 +116,7 @@ impl<'a> GridTrace<'a> {
         kernels.prepare(&places)?;
         let found: Vec<(f64, &PupilFunction)> =
             places.iter().map(|p| (real::hypot(p[0], p[1]), kernels.function(*p))).collect();
-        let nyquist = found.iter().map(|(_, f)| f.nyquist_um()).fold(f64::INFINITY, f64::min);
-        let pitch_um = match options.psf_pitch_um {
-            Some(pitch) if pitch > nyquist => {
-                return Err(DesignError::Option {
-                    option: "psf pitch",
-                    value: format!("{pitch} µm"),
-                    expected: "one finer than Nyquist, λN/2 of the widest cone",
-                }
-                .into());
-            }
-            Some(pitch) => pitch,
-            None => pitch_below(options, nyquist),
-        };
-        let windows = match options.window_px {
-            Some(px) => Windows { px, core_px: px },
-            None => search(options, &found, pitch_um, ((FIRST_UM / film_um) as usize).max(FIRST_PX))?,
-        };
-        Ok((windows, pitch_um))
+        let first_px = ((FIRST_UM / self.options.film_pitch_um) as usize).max(FIRST_PX);
+        Ok(Sampling::new(self.options, &found, f64::INFINITY, first_px)?)
     }
-}
-
-/// The PSFs of `functions`, each of sum 1, and their shares of energy in the window.
-fn stack(functions: &[PupilFunction], grid: &PsfGrid) -> (PsfStack, Vec<f64>) {
-    let n = grid.size();
-    let mut samples = vec![0.0; n * n * functions.len()];
-    let energy = samples
-        .par_chunks_exact_mut(n * n)
-        .zip(functions)
-        .map_init(<(PsfScratch, Vec<f32>)>::default, |(scratch, psf), (out, function)| {
-            grid.psf_into(function, 0.0, scratch, psf);
-            normalise(psf, out)
-        })
-        .collect();
-    (PsfStack { size: n, pitch_um: grid.pitch_um(), sample: PsfSample::Point, samples }, energy)
 }

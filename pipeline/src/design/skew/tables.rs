@@ -17,23 +17,17 @@ mod smooth;
 
 pub use nominal::NominalNodes;
 
-use rayon::prelude::*;
-
+use super::band::{Band, MAP_TOLERANCE_PX, Sampling, stack};
 use super::error::SkewError;
 use super::map::FilmRange;
 use super::system::BuiltLens;
 use super::trace::SkewTracer;
 use super::trace_map::trace_map;
-use crate::bounds::PSF_ENERGY;
-use crate::design::prescription::error::DesignError;
-use crate::design::psf::pupil_stack::{PupilStack, normalise};
-use crate::design::psf::{PsfGrid, PsfScratch, PupilFunction};
-use crate::design::tables::trace::{
-    BandReport, LensTrace, OnProgress, Progress, TraceOptions, TracedBand, pitch_below,
-};
-use crate::design::tables::window::{Windows, core_samples, half_samples, search};
-use crate::lens::planar::{PlanarBand, PsfPlaces};
-use crate::lens::{Lens, LensBand, PsfSample, PsfStack};
+use crate::design::psf::{PsfGrid, PupilFunction};
+use crate::design::tables::trace::{LensTrace, OnProgress, Progress, TraceOptions, TracedBand};
+use crate::design::tables::window::{Windows, core_samples, half_samples};
+use crate::lens::Lens;
+use crate::lens::planar::PsfPlaces;
 use band_limited::azimuth_of;
 use functions::Functions;
 use kernels::Views;
@@ -45,8 +39,6 @@ pub const SKEW_VERSION: u32 = 2;
 /// Heights, from the axis on, and azimuths at which the window is determined.
 const WINDOW_HEIGHTS: usize = 6;
 const WINDOW_AZIMUTHS: usize = 8;
-/// Accuracy of ideal points of the map, film pixels.
-const MAP_TOLERANCE_PX: f64 = 1e-4;
 
 /// Trace of a built lens.
 #[derive(Debug)]
@@ -113,37 +105,19 @@ impl<'a> SkewTrace<'a> {
         let places = rows(&nodes.heights, &azimuth_samples);
         report("PSFs", 0);
         functions.prepare(places.iter().copied())?;
-        let (psf, psf_energy) = stack(&functions, &grid, &places);
+        let functions = functions.into_functions(&places);
+        let stacked = stack(&functions, &grid);
         report("PSFs", places.len());
-        let mut shares = places.iter().zip(&psf_energy);
-        if let Some((&(height_mm, _), &share)) = shares.find(|(_, s)| **s > PSF_ENERGY.max || s.is_nan()) {
-            return Err(DesignError::Unresolved { height_mm, wavelength_um: nm / 1e3, share }.into());
-        }
-        let pupils = PupilStack::new(&grid, functions.into_functions(&places));
-        let report = BandReport {
+        let band = Band {
             wavelength_nm: nm,
-            psf_error: nodes.error,
+            map: traced,
+            nodes: (nodes.heights, nodes.azimuths),
+            places: PsfPlaces::Polar { azimuth_samples },
+            error: nodes.error,
             window_px: windows.px,
-            min_energy: psf_energy.iter().copied().fold(1.0, f64::min),
             psfs,
-            no_tail: None,
         };
-        let tables = LensBand {
-            wavelength_nm: nm,
-            ideal_height_mm: Vec::new(),
-            image_height_mm: Vec::new(),
-            relative_illumination: Vec::new(),
-            psf_height_mm: nodes.heights,
-            azimuth_count: nodes.azimuths,
-            psf_size: grid.size(),
-            psf_pitch_um: grid.pitch_um(),
-            psf_energy,
-            solid_angle_sr: traced.solid_angle_sr,
-            transmission: 1.0,
-            tail: None,
-            planar: Some(PlanarBand { map: traced.planar(), psfs: PsfPlaces::Polar { azimuth_samples } }),
-        };
-        Ok(TracedBand { tables, psf, pupils, report })
+        band.with_psfs(stacked, &grid, functions, places.iter().map(|(height_mm, _)| *height_mm))
     }
 
     /// Pitch and windows: those of the nominal lens, if they are enough, with the share of the light of the built one.
@@ -166,35 +140,14 @@ impl<'a> SkewTrace<'a> {
         functions.prepare(places.iter().copied())?;
         let found: Vec<(f64, &PupilFunction)> =
             places.iter().map(|place| (place.0, functions.at(*place))).collect();
-        let nyquist = found.iter().map(|(_, f)| f.nyquist_um()).fold(f64::INFINITY, f64::min);
-        let pitch_um = match self.options.psf_pitch_um {
-            Some(pitch) if pitch > nyquist => {
-                return Err(DesignError::Option {
-                    option: "psf pitch",
-                    value: format!("{pitch} µm"),
-                    expected: "one finer than Nyquist, λN/2 of the widest cone",
-                }
-                .into());
-            }
-            Some(pitch) => pitch,
-            None => nominal.pitch_um.min(pitch_below(self.options, nyquist)),
-        };
-        let windows = match self.options.window_px {
-            Some(px) => Windows { px, core_px: px },
-            None => search(self.options, &found, pitch_um, nominal.window_px + nominal.window_px / 8 + 2)?,
-        };
+        let first_px = nominal.window_px + nominal.window_px / 8 + 2;
+        let Sampling { windows, pitch_um } = Sampling::new(self.options, &found, nominal.pitch_um, first_px)?;
         report("window", found.len());
         // The same windows for the lenses of a batch, where that of the nominal lens holds their light.
         let windows =
             Windows { px: windows.px.max(nominal.window_px), core_px: windows.core_px.max(nominal.core_px) };
         Ok(Sampling { windows, pitch_um })
     }
-}
-
-/// Windows and sample pitch of a band.
-struct Sampling {
-    windows: Windows,
-    pitch_um: f64,
 }
 
 /// The places of the PSFs (k, a): height, mm, and azimuth, rad.
@@ -204,19 +157,4 @@ fn rows(heights: &[f64], azimuth_samples: &[usize]) -> Vec<(f64, f64)> {
         (0..count).map(move |a| (h, azimuth_of(a, count)))
     };
     heights.iter().zip(azimuth_samples).flat_map(places).collect()
-}
-
-/// The PSFs at `places`, each of sum 1, and their shares of energy in the window.
-fn stack(functions: &Functions<'_>, grid: &PsfGrid, places: &[(f64, f64)]) -> (PsfStack, Vec<f64>) {
-    let n = grid.size();
-    let mut samples = vec![0.0; n * n * places.len()];
-    let energy = samples
-        .par_chunks_exact_mut(n * n)
-        .zip(places)
-        .map_init(<(PsfScratch, Vec<f32>)>::default, |(scratch, psf), (out, place)| {
-            grid.psf_into(functions.at(*place), 0.0, scratch, psf);
-            normalise(psf, out)
-        })
-        .collect();
-    (PsfStack { size: n, pitch_um: grid.pitch_um(), sample: PsfSample::Point, samples }, energy)
 }
