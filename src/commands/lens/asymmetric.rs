@@ -3,44 +3,37 @@
 use super::film_figures;
 use super::film_lens::FilmLens;
 use crate::args::ShowArgs;
-use crate::design::is_design;
 use crate::failure::usage;
-use crate::open;
 use crate::progress::print;
 use anyhow::Result;
 use formats::lens::{LensPack, summary};
 
-/// The lens pack that `args` name, if it has no rotational symmetry.
+/// Refuses flags of `args` that need image heights, and `others`; `way_out` ends the error.
 ///
 /// # Errors
-/// It cannot be opened; flags that need image heights.
-pub fn pack(args: &ShowArgs) -> Result<Option<LensPack>> {
-    if is_design(&args.lens) {
-        return Ok(None);
-    }
-    let pack = open::lens(&args.lens)?;
-    if pack.lens().is_symmetric() {
-        return Ok(None);
-    }
+/// Usage: one of them is given.
+pub fn refuse(args: &ShowArgs, others: &[(&str, bool)], way_out: &str) -> Result<()> {
     let refused = [
         ("--csv", args.csv.is_some()),
         ("--tables", args.tables.is_some()),
         ("--heights", args.heights.is_some()),
         ("--wavelengths", args.wavelengths.is_some()),
     ];
-    match refused.iter().find(|(_, is_given)| *is_given) {
-        Some((flag, _)) => {
-            Err(usage(format!("{flag}: expected a lens with rotational symmetry, `{}` has none", args.lens)))
-        }
-        None => Ok(Some(pack)),
+    match refused.iter().chain(others).find(|(_, is_given)| *is_given) {
+        Some((flag, _)) => Err(usage(format!(
+            "{flag}: expected a lens with rotational symmetry, `{}` has none{way_out}",
+            args.lens
+        ))),
+        None => Ok(()),
     }
 }
 
 /// Prints the summary, and writes the figures of `--plot`.
 ///
 /// # Errors
-/// A figure exists, or cannot be written; the output is closed.
+/// Flags that need image heights; a figure exists, or cannot be written; the output is closed.
 pub fn show(args: &ShowArgs, pack: LensPack) -> Result<()> {
+    refuse(args, &[], "")?;
     if args.overwrite && args.plot.is_none() {
         return Err(usage("--overwrite replaces figures: give --plot, too"));
     }

@@ -3,9 +3,8 @@
 //! Focal length of the ideal plane: √|det ∂(X, Y)/∂(tx, −ty)| of the chief ray at the film's centre; effective focal length and F-number are
 //! those of the straightened lens. Places: vertex, mm, and normal of each surface in the frame of the first surface (x right, y up, z along the light).
 
+use super::asymmetric::refuse;
 use crate::args::ShowArgs;
-use crate::design;
-use crate::failure::usage;
 use crate::progress::{number, print, short_number};
 use anyhow::Result;
 use pipeline::design::System;
@@ -17,39 +16,13 @@ use pipeline::design::trace::TraceOptions;
 use pipeline::lens::Lens;
 use serde_json::{Value, json};
 
-/// The design that `args` name, if it has no rotational symmetry.
-///
-/// # Errors
-/// It cannot be read; flags that need image heights.
-pub fn opened(args: &ShowArgs) -> Result<Option<System>> {
-    if !design::is_design(&args.lens) {
-        return Ok(None);
-    }
-    let system = design::open(&args.lens, &args.design)?;
-    if system.asymmetry.is_none() {
-        return Ok(None);
-    }
-    let refused = [
-        ("--csv", args.csv.is_some()),
-        ("--tables", args.tables.is_some()),
-        ("--plot", args.plot.is_some()),
-        ("--heights", args.heights.is_some()),
-        ("--wavelengths", args.wavelengths.is_some()),
-    ];
-    match refused.iter().find(|(_, is_given)| *is_given) {
-        Some((flag, _)) => Err(usage(format!(
-            "{flag}: expected a lens with rotational symmetry, `{}` has none; `lenscube lens trace` makes a pack of it over a film, which has figures",
-            args.lens
-        ))),
-        None => Ok(Some(system)),
-    }
-}
-
 /// Prints the design.
 ///
 /// # Errors
-/// A film that no chief ray reaches; the output is closed.
+/// Flags that need image heights; a film that no chief ray reaches; the output is closed.
 pub fn show(args: &ShowArgs, system: &System) -> Result<()> {
+    let way_out = "; `lenscube lens trace` makes a pack of it over a film, which has figures";
+    refuse(args, &[("--plot", args.plot.is_some())], way_out)?;
     let lens = BuiltLens::of_design(system)?;
     let options = TraceOptions::new(vec![system.primary_um() * 1e3], 1e-3);
     let header = GridTrace::new(&lens, &options, FilmRange::centred([1e-3; 2]))?.header()?;

@@ -10,10 +10,12 @@ use super::shown::Shown;
 use super::tables::{self, Request, Table, csv_file, design_figures, design_json};
 use crate::args::{ShowArgs, TableName};
 use crate::commands::lens::trace::{heights, wavelengths};
+use crate::design;
 use crate::failure::usage;
 use crate::job::lens::cache;
 use crate::job::lens::rotation_error;
 use crate::job::lens::samples::{FieldFigures, LensData, evenly_spaced, nearest};
+use crate::open;
 use crate::outputs::check_absent_in;
 use crate::progress::{log_line, print};
 use anyhow::Result;
@@ -35,13 +37,22 @@ const SHARES: [f64; 5] = [0.0, 0.25, 0.5, 0.75, 1.0];
 
 /// Runs the command.
 pub fn command(args: &ShowArgs) -> Result<()> {
-    if let Some(pack) = asymmetric::pack(args)? {
-        return asymmetric::show(args, pack);
-    }
-    if let Some(system) = asymmetric_design::opened(args)? {
-        return asymmetric_design::show(args, &system);
-    }
-    let lens = LensData::open(&args.lens, &args.design)?;
+    let lens = match design::is_design(&args.lens) {
+        true => {
+            let system = design::open(&args.lens, &args.design)?;
+            if system.asymmetry.is_some() {
+                return asymmetric_design::show(args, &system);
+            }
+            LensData::of_design(&args.lens, system)?
+        }
+        false => {
+            let pack = open::lens(&args.lens)?;
+            if !pack.lens().is_symmetric() {
+                return asymmetric::show(args, pack);
+            }
+            LensData::of_pack(&args.lens, pack, &args.design)?
+        }
+    };
     if args.overwrite && args.plot.is_none() && args.csv.is_none() {
         return Err(usage("--overwrite replaces figures and tables: give --plot or --csv, too"));
     }

@@ -88,18 +88,31 @@ pub fn nearest(wavelengths_nm: impl Iterator<Item = f64>, nm: f64) -> usize {
 impl LensData {
     /// Opens the lens `name`; design flags are an error for a pack.
     pub fn open(name: &str, args: &DesignArgs) -> Result<Self> {
-        if design::is_design(name) {
-            let mut system = design::open(name, args)?;
-            // A design without a name has that of its file in titles.
-            if system.name.trim().is_empty() {
-                system.name = Path::new(name)
-                    .file_stem()
-                    .map_or_else(String::new, |s| s.to_string_lossy().into_owned());
-            }
-            let description = describe(&system).with_context(|| format!("design {name}"))?;
-            return Ok(Self::Design(Box::new(system), Box::new(description)));
+        match design::is_design(name) {
+            true => Self::of_design(name, design::open(name, args)?),
+            false => Self::of_pack(name, open::symmetric_lens(name)?, args),
         }
-        let pack = open::symmetric_lens(name)?;
+    }
+
+    /// The design `system`, read as `name`.
+    ///
+    /// # Errors
+    /// It has no rotational symmetry or no first-order properties.
+    pub fn of_design(name: &str, mut system: System) -> Result<Self> {
+        // A design without a name has that of its file in titles.
+        if system.name.trim().is_empty() {
+            system.name =
+                Path::new(name).file_stem().map_or_else(String::new, |s| s.to_string_lossy().into_owned());
+        }
+        let description = describe(&system).with_context(|| format!("design {name}"))?;
+        Ok(Self::Design(Box::new(system), Box::new(description)))
+    }
+
+    /// The pack opened as `name`.
+    ///
+    /// # Errors
+    /// Usage: flags of designs.
+    pub fn of_pack(name: &str, pack: LensPack, args: &DesignArgs) -> Result<Self> {
         if *args != DesignArgs::default() {
             return Err(usage(format!(
                 "`{name}` is a lens pack with a fixed film plane and object distance; the flags for film plane, object, aiming \
