@@ -10,6 +10,7 @@
 //! then its identity (`identity`) and the notes to print (`notes`). Every error that can be found early is found here.
 
 pub mod arguments;
+pub mod arrays;
 mod bands;
 pub mod cost;
 mod coverage;
@@ -58,6 +59,7 @@ use anyhow::{Context, Result};
 use arguments::Arguments;
 use bands::JobPlan;
 use coverage::Coverage;
+use formats::chart::ArrayChart;
 use formats::film::FilmSpec;
 use ghosts::JobGhosts;
 use inputs::{Inputs, Opened};
@@ -139,6 +141,15 @@ impl Job {
         Self::resolve(args, Some(planned))
     }
 
+    /// Resolves `args` for arrays in memory, which no film in a store is for.
+    ///
+    /// # Errors
+    /// As [`Job::new`].
+    pub fn of_arrays(args: &RunArgs, chart: ArrayChart) -> Result<Self> {
+        let opened = Opened::with_chart(args, Chart::Array(Box::new(chart)))?;
+        UntracedJob::resolve_opened(args, opened, None)?.traced()
+    }
+
     fn resolve(args: &RunArgs, planned: Option<PlannedBands<'_>>) -> Result<Self> {
         UntracedJob::resolve(args, planned)?.traced()
     }
@@ -177,7 +188,10 @@ impl<'a> UntracedJob<'a> {
     }
 
     fn resolve(args: &'a RunArgs, planned: Option<PlannedBands<'a>>) -> Result<Self> {
-        let opened = Opened::new(args)?;
+        Self::resolve_opened(args, Opened::new(args)?, planned)
+    }
+
+    fn resolve_opened(args: &'a RunArgs, opened: Opened, planned: Option<PlannedBands<'a>>) -> Result<Self> {
         let arguments = Arguments::resolve(args, opened.has_depth(), opened.on_cpu())?;
         let (inputs, lens) = Inputs::new(args, opened, planned.map(|p| p.bands))?;
         let nm = &inputs.selected_nm;

@@ -1,6 +1,7 @@
 //! Cores and memory of this machine, and memory of this process, as the system reports it.
 
 mod cgroup;
+pub mod device;
 mod disk;
 
 use crate::failure::usage;

@@ -42,6 +42,15 @@ fn verbosity() -> Verbosity {
     VERBOSITY.get().copied().unwrap_or(Verbosity::Normal)
 }
 
+/// What receives the log lines of a library; none in the command.
+static SINK: OnceLock<fn(&str)> = OnceLock::new();
+
+/// Gives all log lines to `sink`, and none to stderr: this process is another program, which uses lenscube as a library. The first call counts.
+pub fn log_to(sink: fn(&str)) {
+    SINK.get_or_init(|| sink);
+    set_verbosity(Verbosity::Quiet);
+}
+
 /// Whether the current work is a step of another command.
 static IS_STEP: AtomicBool = AtomicBool::new(false);
 
@@ -53,8 +62,11 @@ pub fn as_step<T>(work: impl FnOnce() -> T) -> T {
     result
 }
 
-/// Writes a line to stderr, unless `--quiet`. Errors are ignored: stderr may be closed.
+/// Writes a line to stderr, unless `--quiet`, or to where [`log_to`] says. Errors are ignored: stderr may be closed.
 pub fn log_line(line: impl AsRef<str>) {
+    if let Some(sink) = SINK.get() {
+        return sink(line.as_ref());
+    }
     let least = if IS_STEP.load(Relaxed) { Verbosity::Verbose } else { Verbosity::Normal };
     if verbosity() >= least {
         error_line(line);

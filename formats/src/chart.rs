@@ -40,6 +40,7 @@
 //! cache, for any number of threads and overlapping requests, and checks its values ([`NanPolicy`], [`MAX_VALUE`]).
 
 mod any;
+mod array;
 mod axes;
 mod band_chunks;
 pub mod cache;
@@ -79,6 +80,7 @@ pub use crate::npy::parse_dtype;
 pub use crate::sample::{RasterSample, Sample};
 pub use crate::shard::Codec;
 pub use any::{Chart, ChartRequest, check_has_files, holds_arrays, takes_axes};
+pub use array::{ArrayChart, ArrayPixels};
 pub use axes::{AxisOrder, AxisOrderError};
 pub use decoded_chart::DecodedChart;
 pub use error::ChartError;

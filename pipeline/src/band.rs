@@ -21,6 +21,7 @@ use crate::remap::Remap;
 use crate::stage::Stage;
 use crate::tails::TailPlan;
 use crate::tiling::Tiling;
+use std::sync::Arc;
 
 /// Wavelengths closer than this are the same, nm.
 const SAME_NM: f64 = 1e-6;
@@ -115,15 +116,15 @@ pub struct BandPlan {
     pub tail: Option<TailPlan>,
 }
 
-/// The stages of one band.
-#[derive(Debug)]
+/// The stages of one band; copies share them.
+#[derive(Clone, Debug)]
 pub struct BandStages {
     /// Remap stage.
-    pub remap: Remap,
+    pub remap: Arc<Remap>,
     /// PSF stage, if enabled.
-    pub psf: Option<BandPsf>,
+    pub psf: Option<Arc<BandPsf>>,
     /// Depth stage, which replaces the others.
-    pub depth: Option<DepthStage>,
+    pub depth: Option<Arc<DepthStage>>,
     /// Smooth light that is added to finished shards, in this order.
     pub layers: Vec<Layer>,
 }
@@ -262,7 +263,7 @@ impl BandPlan {
                 KernelsOnDemand::new((&source, 0), grid.psf_sets(), shape, frame.pitch_um, window, simd);
             BandPsf::on_demand(position, grid.clone(), kernels, simd)
         });
-        BandStages { remap, psf, depth: None, layers: Vec::new() }
+        BandStages { remap: Arc::new(remap), psf: psf.map(Arc::new), depth: None, layers: Vec::new() }
     }
 
     /// The stages of this band, the `position`-th of the job. `stack` reads the PSFs of a lens band, only if the PSF stage is enabled;
@@ -293,7 +294,19 @@ impl BandPlan {
                 Some(BandPsf::new(position, grid.clone(), kernels, options.simd))
             }
         };
-        Ok(BandStages { remap, psf, depth: None, layers: Vec::new() })
+        Ok(BandStages { remap: Arc::new(remap), psf: psf.map(Arc::new), depth: None, layers: Vec::new() })
+    }
+
+    /// The stages of this band of a flat chart with the PSF stage `psf`, one of a film of the same lens and pitch; `gain` as in [`BandPlan::stages`].
+    pub fn stages_with_psf(
+        &self,
+        frame: &Frame,
+        options: &Options,
+        gain: f64,
+        psf: Option<Arc<BandPsf>>,
+    ) -> BandStages {
+        let remap = Remap::new(frame, &self.lens, options.stages, options.interpolation, gain, options.simd);
+        BandStages { remap: Arc::new(remap), psf, depth: None, layers: Vec::new() }
     }
 
     /// The depth stage of this band of `lens`, the `position`-th of the job. `reader` reads a PSF of a depth node when a kernel of it is needed;
@@ -316,7 +329,7 @@ impl BandPlan {
         let plan = self.depth.as_ref().expect("planned with depth");
         let tables = (&lens.bands[band], nodes, lens.psf_sample);
         let depth = plan.stage(position, frame, tables, options, gain, reader);
-        BandStages { remap, psf: None, depth: Some(depth), layers: Vec::new() }
+        BandStages { remap: Arc::new(remap), psf: None, depth: Some(Arc::new(depth)), layers: Vec::new() }
     }
 }
 

@@ -50,7 +50,7 @@
 //!   What a worker keeps in memory follows from the row; the margin of tiles is half the PSF window ([`tiling`]), which a stage that reads further must enlarge;
 //! - surfaces at several distances have a computation of their own ([`depth`]): the row says whether the stage is part of it, else a job with both is an error;
 //! - if GPUs have it: a `.cu` file (`scripts/ptx` compiles it to `pipeline/ptx`), its name in `cuda/ptx.rs`, a launcher beside its module, `stages/cuda/band.rs`, its bytes in
-//!   `cuda/memory.rs`, and its kernel among those of the verdict (`src/device/verdict.rs`);
+//!   `cuda/memory.rs`, and its kernel among those of the verdict (`src/machine/device/verdict.rs`);
 //! - tests: `tests/oracle/` of this package, the model in `tests/golden/reference.py` with `make_golden.py`; the snapshots of help; `model.md` and `limits.md` of the guide.
 //!
 //! Chart formats and codecs: head of the package `formats`.

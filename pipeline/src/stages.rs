@@ -29,7 +29,7 @@ pub type Prepare<'a> = dyn Fn(usize) -> Result<BandStages, SourceSinkError> + Sy
 pub struct StageCompute<'a> {
     frame: Frame,
     prepare: &'a Prepare<'a>,
-    spectra: SpectrumCache,
+    spectra: Arc<SpectrumCache>,
     surfaces: SceneInputs<'a>,
 }
 
@@ -45,7 +45,12 @@ pub struct StageScratch {
 impl<'a> StageCompute<'a> {
     /// For the film of `frame`, with a cache of `spectra_bytes` for node spectra; `prepare` constructs the stages of a band.
     pub fn new(frame: Frame, spectra_bytes: usize, prepare: &'a Prepare<'a>) -> Self {
-        Self { frame, prepare, spectra: SpectrumCache::new(spectra_bytes), surfaces: SceneInputs::default() }
+        Self::with_spectra(frame, Arc::new(SpectrumCache::new(spectra_bytes)), prepare)
+    }
+
+    /// As [`StageCompute::new`], with `spectra` that other computations with the same stages have used.
+    pub fn with_spectra(frame: Frame, spectra: Arc<SpectrumCache>, prepare: &'a Prepare<'a>) -> Self {
+        Self { frame, prepare, spectra, surfaces: SceneInputs::default() }
     }
 
     /// With `surfaces` for bands with a depth stage.

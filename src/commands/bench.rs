@@ -17,8 +17,8 @@ mod stages;
 mod storage;
 
 use crate::args::{BenchArgs, Device, check_directory};
-use crate::device::DeviceSelection;
 use crate::failure;
+use crate::machine::device::DeviceSelection;
 use crate::machine::threads;
 use crate::progress::{log_line, print};
 use anyhow::{Context, Result};

@@ -8,9 +8,9 @@
 use crate::args::engine::Engine;
 use crate::args::{CoatingsArg, Device, DeviceArgs, DeviceCommand, EngineArg};
 use crate::commands::validate::FilmMaker;
-use crate::device::driver;
-use crate::device::verdict::{Verdict, store, verdict};
 use crate::failure::{code, usage};
+use crate::machine::device::driver;
+use crate::machine::device::verdict::{Verdict, store, verdict};
 use crate::machine::threads;
 use crate::progress::{log_line, print};
 use anyhow::{Context, Result};

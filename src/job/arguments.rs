@@ -2,9 +2,9 @@
 
 use super::keys::DIGEST;
 use crate::args::{Device, RunArgs};
-use crate::device::DeviceSelection;
 use crate::failure::usage;
 use crate::job::film_engine;
+use crate::machine::device::DeviceSelection;
 use crate::machine::threads;
 use anyhow::Result;
 use formats::chart::Codec;

@@ -5,20 +5,20 @@
 
 use crate::args::RunArgs;
 use crate::args::engine::Engine;
-use crate::device::{DeviceSelection, check_agreement};
 use crate::failure::{other_job, usage};
+use crate::machine::device::{DeviceSelection, check_agreement};
 use crate::progress::log_line;
 use anyhow::Result;
 use formats::film::FilmStore;
 use formats::group::GroupError;
 use std::path::Path;
 
-/// The film at `path`; `None` without a film, or if `--overwrite` removes it.
+/// The film at `path`; `None` without a film, without a path (of arrays in memory), or if `--overwrite` removes it.
 ///
 /// # Errors
 /// The store cannot be read.
 pub fn existing(path: &Path, overwrite: bool) -> Result<Option<FilmStore>> {
-    if overwrite {
+    if overwrite || path.as_os_str().is_empty() {
         return Ok(None);
     }
     match FilmStore::open(path, true) {

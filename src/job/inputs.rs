@@ -39,7 +39,14 @@ impl Opened {
         if args.check_input {
             check_has_files(Path::new(&args.chart))?;
         }
-        let chart = open_chart(args, args.nan)?;
+        Self::with_chart(args, open_chart(args, args.nan)?)
+    }
+
+    /// Opens the lens of `args`, for `chart`.
+    ///
+    /// # Errors
+    /// The lens cannot be opened.
+    pub fn with_chart(args: &RunArgs, chart: Chart) -> Result<Self> {
         let lens = UntracedLens::open_focused(&args.lens, &args.surfaces, &args.tracing)?
             .with_errors(&args.built)?;
         let surfaces = SurfacePaths::of_job(&args.surfaces, &args.chart, &chart)?;

@@ -11,7 +11,9 @@ use pipeline::band::BandStages;
 use pipeline::depth::seen::SeenChart;
 use pipeline::flow::{ChartSource, SourceSinkError};
 use pipeline::layer::Layer;
-use std::sync::Mutex;
+use pipeline::psf::BandPsf;
+use std::sync::atomic::AtomicBool;
+use std::sync::{Arc, Mutex};
 
 /// A band's stages could not be constructed.
 #[derive(Debug, thiserror::Error)]
@@ -47,6 +49,12 @@ pub fn stages(job: &Job, position: usize) -> Result<BandStages, StageError> {
     plan.stages(position, &job.frame, &job.options, gain, read_psfs)
 }
 
+/// The stages of the band at `position` with the PSF stage `psf`, which films at other places have as well, without its layers.
+pub fn with_psf(job: &Job, position: usize, psf: Option<Arc<BandPsf>>) -> BandStages {
+    let gain = job.gains[position] * remaining(&job.layers, job.film_bands[position]);
+    job.plans[position].stages_with_psf(&job.frame, &job.options, gain, psf)
+}
+
 /// The layers of the band at `position`, in the order in which they are added: each is read from the film, or computed and committed. Of processes that need
 /// one at once each computes the same bytes.
 ///
@@ -56,19 +64,8 @@ pub fn layers(job: &Job, store: &FilmStore, position: usize) -> Result<Vec<Layer
     let band = job.film_bands[position];
     let seen = job.depth.as_ref().filter(|depth| !depth.is_opaque());
     let seen = seen.map(|depth| SeenChart::new(job.chart.source(), depth.sheets()));
-    let inputs = LayerInputs {
-        chart: seen.as_ref().map_or_else(|| job.chart.source(), |seen| seen as &dyn ChartSource),
-        reduced: &job.reduced,
-        chart_band: job.chart_bands[position],
-        film_band: band,
-        frame: &job.frame,
-        plan: &job.plans[position],
-        options: &job.options,
-        gain: job.gains[position],
-        remaining: remaining(&job.layers, band),
-        threads: job.threads,
-        cancel: interrupt::cancel_flag(),
-    };
+    let chart = seen.as_ref().map_or_else(|| job.chart.source(), |seen| seen as &dyn ChartSource);
+    let inputs = layer_inputs(job, position, (chart, job.chart_bands[position]), interrupt::cancel_flag());
     let layer = |(index, source): (usize, &dyn JobLayer)| {
         let coefficients = match store.read_layer(index, band)? {
             Some(stored) => stored,
@@ -83,6 +80,48 @@ pub fn layers(job: &Job, store: &FilmStore, position: usize) -> Result<Vec<Layer
         Ok(Layer::new(store.spec().layer_grid(index, band), source.taps(), coefficients))
     };
     job.layers.iter().map(AsRef::as_ref).enumerate().map(layer).collect()
+}
+
+/// The layers of the band at `position` of a film in memory, of the band `chart.1` of `chart.0`.
+///
+/// # Errors
+/// The chart cannot be read.
+pub fn layers_of_array(
+    job: &Job,
+    position: usize,
+    chart: (&dyn ChartSource, usize),
+    cancel: &AtomicBool,
+) -> Result<Vec<Layer>, SourceSinkError> {
+    let band = job.film_bands[position];
+    let inputs = layer_inputs(job, position, chart, cancel);
+    let layer = |(index, source): (usize, &dyn JobLayer)| {
+        let grid = job.film.layer_grid(index, band);
+        Ok(Layer::new(grid, source.taps(), source.coefficients(&inputs)?))
+    };
+    job.layers.iter().map(AsRef::as_ref).enumerate().map(layer).collect()
+}
+
+/// What the layers of the band at `position` are computed from, of the band `chart.1` of `chart.0`.
+fn layer_inputs<'a>(
+    job: &'a Job,
+    position: usize,
+    (chart, chart_band): (&'a dyn ChartSource, usize),
+    cancel: &'a AtomicBool,
+) -> LayerInputs<'a> {
+    let film_band = job.film_bands[position];
+    LayerInputs {
+        chart,
+        reduced: &job.reduced,
+        chart_band,
+        film_band,
+        frame: &job.frame,
+        plan: &job.plans[position],
+        options: &job.options,
+        gain: job.gains[position],
+        remaining: remaining(&job.layers, film_band),
+        threads: job.threads,
+        cancel,
+    }
 }
 
 /// Whether a layer of a band of `job` is not in `store` (`None`: the film is not there yet), per position.

@@ -11,6 +11,7 @@ use std::path::Path;
 
 use pipeline::chart::{ChartSpec, Generator};
 
+use super::array::ArrayChart;
 use super::axes::AxisOrder;
 use super::decoded_chart::DecodedChart;
 use super::error::ChartError;
@@ -39,6 +40,8 @@ pub enum Chart {
     Generated(Box<Generator>),
     /// A surface of a scene.
     Scene(Box<SceneChart>),
+    /// An array in memory, whose pixels are not known yet.
+    Array(Box<ArrayChart>),
 }
 
 /// How a chart is read.

@@ -28,6 +28,7 @@ impl Chart {
     pub fn samples_key(&self, now: SystemTime) -> Result<Option<String>, ChartError> {
         let mut states = Vec::new();
         match self {
+            Self::Array(_) => return Ok(None),
             Self::Store(store) if is_url(store.path()) => return Ok(None),
             Self::Scene(scene) if is_url(scene.path()) => return Ok(None),
             Self::Store(store) => store.file_states(&mut states)?,

@@ -6,7 +6,7 @@
 
 use super::stages::{benchmark, lens_stages};
 use super::{Bench, FILM_MM, median};
-use crate::device::{DeviceSelection, driver};
+use crate::machine::device::{DeviceSelection, driver};
 use crate::progress::log_line;
 use anyhow::{Context, Result};
 use pipeline::cuda::Device;

@@ -20,6 +20,7 @@ use pipeline::resample::{Interp, Surround};
 use pipeline::simd::Simd;
 use pipeline::stage::Stage;
 use pipeline::stages::default_stages;
+use std::sync::Arc;
 use std::sync::atomic::{AtomicUsize, Ordering};
 
 /// Benchmark grid of the PSF field: 21 heights to 20 mm, 36 azimuths each, windows of 51 px.
@@ -92,7 +93,7 @@ fn stages(bench: &Bench<'_>, frame: &Frame, svpsf: bool, interp: Interp) -> Resu
 }
 
 /// Remap and PSF stage of the lens's band.
-pub(super) fn lens_stages(bench: &Bench<'_>, frame: &Frame) -> Result<(Remap, BandPsf)> {
+pub(super) fn lens_stages(bench: &Bench<'_>, frame: &Frame) -> Result<(Arc<Remap>, Arc<BandPsf>)> {
     let all = stages(bench, frame, true, Interp::Bicubic)?;
     Ok((all.remap, all.psf.context("the lens has no PSF to measure")?))
 }

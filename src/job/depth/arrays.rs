@@ -83,7 +83,9 @@ pub fn coverage(spec: &str, frame: &Frame) -> Result<Option<Chart>> {
 pub fn decode(chart: &Chart, directory: &Path, threads: usize) -> Result<()> {
     match chart {
         Chart::Decoded(decoded) => Ok(decoded.copy_bands(&[0], directory, threads, &|_, _| ())?),
-        Chart::Store(_) | Chart::Raster(_) | Chart::Generated(_) | Chart::Scene(_) => Ok(()),
+        Chart::Store(_) | Chart::Raster(_) | Chart::Generated(_) | Chart::Scene(_) | Chart::Array(_) => {
+            Ok(())
+        }
     }
 }
 

@@ -106,6 +106,7 @@ impl SurfacePaths {
                 };
                 Self::of_group(&group)
             }
+            Chart::Array(_) => Ok(Vec::new()),
             Chart::Scene(scene) => Ok(Self::of_scene(&scene.path().display().to_string(), scene.sheets())),
             Chart::Raster(_) | Chart::Decoded(_) => match chart.hdf5_array() {
                 None => Ok(Vec::new()),

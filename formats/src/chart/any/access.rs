@@ -24,6 +24,7 @@ impl Chart {
             Self::Decoded(p) => p.as_ref(),
             Self::Generated(g) => g.as_ref(),
             Self::Scene(s) => s.as_ref(),
+            Self::Array(a) => a.as_ref(),
         }
     }
 
@@ -59,7 +60,7 @@ impl Chart {
             Self::Raster(raster) => raster.copy_bands(bands, directory, progress),
             Self::Store(store) => store.rechunk(bands, directory, threads, progress),
             Self::Decoded(chart) => chart.copy_bands(bands, directory, threads, progress),
-            Self::Generated(_) | Self::Scene(_) => Ok(()),
+            Self::Generated(_) | Self::Scene(_) | Self::Array(_) => Ok(()),
         }
     }
 
@@ -79,7 +80,7 @@ impl Chart {
         match self {
             Self::Store(s) => Size::new(s.chunk_shape()[1], s.chunk_shape()[2]),
             Self::Scene(s) => Size::new(s.weights().chunk_shape()[1], s.weights().chunk_shape()[2]),
-            Self::Raster(_) | Self::Decoded(_) | Self::Generated(_) => Size::new(1, 1),
+            Self::Raster(_) | Self::Decoded(_) | Self::Generated(_) | Self::Array(_) => Size::new(1, 1),
         }
     }
 
@@ -89,7 +90,7 @@ impl Chart {
             Self::Store(s) => s.cache_for_rows(rows),
             Self::Generated(g) => g.useful_cache_bytes(),
             Self::Scene(s) => s.bases() * s.weights().cache_for_rows(rows),
-            Self::Raster(_) | Self::Decoded(_) => 0,
+            Self::Raster(_) | Self::Decoded(_) | Self::Array(_) => 0,
         }
     }
 
@@ -99,7 +100,7 @@ impl Chart {
             Self::Store(s) => s.chunk_memory(bands),
             Self::Decoded(p) => p.chunk_memory(),
             Self::Scene(s) => s.weights().chunk_memory(&s.all_bases()),
-            Self::Raster(_) | Self::Generated(_) => ChunkMemory::default(),
+            Self::Raster(_) | Self::Generated(_) | Self::Array(_) => ChunkMemory::default(),
         }
     }
 
@@ -109,7 +110,7 @@ impl Chart {
             Self::Store(store) => store.set_cache_bytes(bytes),
             Self::Generated(generator) => generator.set_cache_bytes(bytes),
             Self::Scene(scene) => scene.weights_mut().set_cache_bytes(bytes),
-            Self::Raster(_) | Self::Decoded(_) => (),
+            Self::Raster(_) | Self::Decoded(_) | Self::Array(_) => (),
         }
     }
 
@@ -121,6 +122,7 @@ impl Chart {
             Self::Decoded(p) => p.bands(),
             Self::Generated(g) => g.wavelengths_nm().len(),
             Self::Scene(s) => s.wavelengths_nm().len(),
+            Self::Array(a) => a.wavelengths_nm().len(),
         }
     }
 
@@ -132,6 +134,7 @@ impl Chart {
             Self::Decoded(p) => p.copied_sample().bytes(),
             Self::Scene(s) => s.bases() * size_of::<f32>(),
             Self::Generated(_) => 0,
+            Self::Array(_) => size_of::<f32>(),
         }
     }
 
@@ -144,7 +147,7 @@ impl Chart {
             Self::Decoded(p) => {
                 p.identity().is_ok_and(|(content, _)| content["exr"]["channels"][0]["sample"] == "f16")
             }
-            Self::Generated(_) | Self::Scene(_) => false,
+            Self::Generated(_) | Self::Scene(_) | Self::Array(_) => false,
         }
     }
 
@@ -157,7 +160,7 @@ impl Chart {
             Self::Raster(r) => Some(flat(r.stats())),
             Self::Decoded(p) => Some(flat(p.stats())),
             Self::Scene(s) => Some(s.weights().stats()),
-            Self::Generated(_) => None,
+            Self::Generated(_) | Self::Array(_) => None,
         }
     }
 
@@ -166,7 +169,7 @@ impl Chart {
         match self {
             Self::Raster(raster) => Some((raster.path(), raster.array()?)),
             Self::Decoded(decoded) => Some((decoded.path(), decoded.array()?)),
-            Self::Store(_) | Self::Generated(_) | Self::Scene(_) => None,
+            Self::Store(_) | Self::Generated(_) | Self::Scene(_) | Self::Array(_) => None,
         }
     }
 
@@ -188,6 +191,7 @@ impl Chart {
         match self {
             Self::Generated(g) => Ok(g.wavelengths_nm().to_vec()),
             Self::Scene(s) => Ok(s.wavelengths_nm().to_vec()),
+            Self::Array(a) => Ok(a.wavelengths_nm().to_vec()),
             Self::Raster(r) => {
                 r.wavelengths_nm().map(<[f64]>::to_vec).ok_or_else(|| no_wavelengths(r.path(), r.bands()))
             }
@@ -210,7 +214,7 @@ impl Chart {
     pub fn pitch_um(&self) -> Option<f64> {
         match self {
             Self::Store(s) => s.pitch_um(),
-            Self::Raster(_) | Self::Decoded(_) => None,
+            Self::Raster(_) | Self::Decoded(_) | Self::Array(_) => None,
             Self::Generated(g) => Some(g.pitch_um()),
             Self::Scene(s) => Some(s.pitch_um()),
         }
@@ -220,7 +224,7 @@ impl Chart {
     pub fn film_size(&self) -> Option<Size> {
         match self {
             Self::Store(s) => s.film_size(),
-            Self::Raster(_) | Self::Decoded(_) => None,
+            Self::Raster(_) | Self::Decoded(_) | Self::Array(_) => None,
             Self::Generated(g) => Some(g.film_size()),
             Self::Scene(s) => s.film_size(),
         }
@@ -234,6 +238,7 @@ impl Chart {
             Self::Decoded(p) => p.units(),
             Self::Generated(g) => Some(g.units()),
             Self::Scene(_) => Some(super::super::scene::UNITS),
+            Self::Array(_) => None,
         }
     }
 
@@ -243,7 +248,7 @@ impl Chart {
             Self::Store(s) => s.light(),
             Self::Generated(g) => Some(g.spec().light().name().to_owned()),
             Self::Scene(s) => Some(s.illuminant().to_owned()),
-            Self::Raster(_) | Self::Decoded(_) => None,
+            Self::Raster(_) | Self::Decoded(_) | Self::Array(_) => None,
         }
     }
 
@@ -254,6 +259,7 @@ impl Chart {
             Self::Raster(r) => r.limit_values(max),
             Self::Decoded(p) => p.limit_values(max),
             Self::Scene(s) => s.limit_values(max),
+            Self::Array(a) => a.limit_values(max),
             Self::Generated(g) => {
                 if let Kind::Uniform { value } = g.spec().kind
                     && value.abs() > f64::from(max)
@@ -282,7 +288,7 @@ impl Chart {
             Self::Raster(r) => r.notes().to_vec(),
             Self::Decoded(p) => p.notes().to_vec(),
             Self::Scene(s) => s.notes(),
-            Self::Generated(_) => Vec::new(),
+            Self::Generated(_) | Self::Array(_) => Vec::new(),
         }
     }
 
@@ -297,7 +303,7 @@ impl Chart {
             Self::Store(s) => s.scaling().is_some(),
             Self::Raster(r) => r.is_scaled(),
             Self::Decoded(p) => p.is_scaled(),
-            Self::Generated(_) | Self::Scene(_) => false,
+            Self::Generated(_) | Self::Scene(_) | Self::Array(_) => false,
         }
     }
 
@@ -307,7 +313,7 @@ impl Chart {
             Self::Store(s) => RasterSample::Plain(s.sample()).is_integer(),
             Self::Raster(r) => r.sample().is_integer(),
             Self::Decoded(p) => p.sample().is_integer(),
-            Self::Generated(_) | Self::Scene(_) => false,
+            Self::Generated(_) | Self::Scene(_) | Self::Array(_) => false,
         }
     }
 
@@ -327,7 +333,7 @@ impl Chart {
                 check_has_files(s.path())?;
                 json!(s.weights().content_digest()?)
             }
-            Self::Generated(_) => Value::Null,
+            Self::Generated(_) | Self::Array(_) => Value::Null,
         })
     }
 
@@ -342,6 +348,9 @@ impl Chart {
             Self::Decoded(p) => p.identity()?,
             Self::Scene(s) => s.identity()?,
             Self::Generated(g) => (json!({ "drawn": g.spec().to_string() }), Value::Null),
+            Self::Array(a) => {
+                (json!({ "array": [a.wavelengths_nm(), [a.size().height, a.size().width]] }), Value::Null)
+            }
         })
     }
 }

@@ -138,7 +138,7 @@ impl GpuBand {
         device: &Arc<Device>,
         memory: &QueueMemory,
     ) -> Result<Self, CudaError> {
-        let psf = stages.psf.as_ref();
+        let psf = stages.psf.as_deref();
         let planner = |psf| PsfPlanner::new(device.index(), frame, psf, tiling.tile(), memory.psf_bytes);
         let planner = psf.map(planner).transpose()?;
         let remap = RemapOnDevice::new(device, &stages.remap)?;

@@ -1,0 +1,162 @@
+//! Films of arrays in memory: a lens is opened once, and makes films of as many arrays as its process has, without a chart or a film in a store.
+//!
+//! A film is the one that `lenscube run` makes of the same chart with the same flags, bit for bit on the same engine: a job is resolved as there
+//! ([`Job::of_arrays`]), the executor computes its tiles, and finished shards are copied to the caller's array. What depends on the lens and the pitch alone, kernels and
+//! their spectra, is kept and shared by films at all places of the field; what depends on the film's place, tables and plans, is kept for the last
+//! [`MAX_FILMS`] of them.
+//!
+//! GPUs are not used: a job of arrays computes on the CPU.
+
+mod film;
+mod flags;
+mod points;
+mod shared;
+
+pub use film::ArrayFilm;
+
+use super::Job;
+use super::lens::UntracedLens;
+use crate::failure::usage;
+use anyhow::Result;
+use flags::ArrayFlags;
+use formats::chart::ArrayChart;
+use pipeline::geometry::Size;
+use points::{PointMap, reach_of};
+use shared::SharedStages;
+use std::sync::{Arc, Mutex};
+
+/// Maps of points that are kept.
+const MAX_MAPS: usize = 64;
+/// Films whose tables and plans are kept.
+const MAX_FILMS: usize = 32;
+
+/// A lens for arrays in memory. Its functions may be called by several threads at once.
+pub struct ArrayLens {
+    flags: Vec<String>,
+    wavelengths_nm: Vec<f64>,
+    films: Mutex<Vec<KnownFilm>>,
+    shared: Mutex<Vec<Arc<SharedStages>>>,
+    maps: Mutex<Vec<Arc<PointMap>>>,
+}
+
+/// A film, and what it was made of.
+struct KnownFilm {
+    chart: Size,
+    flags: Vec<String>,
+    film: Arc<ArrayFilm>,
+}
+
+impl ArrayLens {
+    /// The lens that `flags` of `lenscube run` describe (`--lens`, `--focus-m`, …), at `wavelengths_nm`; without them at those of a lens pack. Nothing is traced yet.
+    ///
+    /// # Errors
+    /// Usage: flags that do not apply to arrays; a design without wavelengths. The lens cannot be opened.
+    pub fn open(flags: &[String], wavelengths_nm: Option<Vec<f64>>) -> Result<Self> {
+        let args = ArrayFlags::parse(flags)?;
+        let lens = UntracedLens::open_focused(&args.job.lens, &args.job.surfaces, &args.job.tracing)?
+            .with_errors(&args.job.built)?;
+        let wavelengths_nm = match (wavelengths_nm, lens) {
+            (Some(nm), _) if !nm.is_empty() && nm.iter().all(|nm| nm.is_finite() && *nm > 0.0) => nm,
+            (Some(nm), _) => {
+                return Err(usage(format!("wavelengths: expected one or more numbers in nm, found {nm:?}")));
+            }
+            (None, UntracedLens::Pack(pack)) => {
+                pack.lens().bands.iter().map(|band| band.wavelength_nm).collect()
+            }
+            (None, UntracedLens::Design(design)) => {
+                return Err(usage(format!(
+                    "lens `{}` is a design, which is traced at the wavelengths of the bands: give them in nm",
+                    design.name
+                )));
+            }
+        };
+        Ok(Self {
+            flags: flags.to_vec(),
+            wavelengths_nm,
+            films: Mutex::default(),
+            shared: Mutex::default(),
+            maps: Mutex::default(),
+        })
+    }
+
+    /// Wavelengths of the bands of its arrays, nm.
+    pub fn wavelengths_nm(&self) -> &[f64] {
+        &self.wavelengths_nm
+    }
+
+    /// The film of arrays of `chart` px, with further `flags` of `lenscube run`: pitch, size, placement, stages. The lens is traced, unless its bands are known.
+    ///
+    /// # Errors
+    /// Every error of `lenscube run` that can be found before its first pixel.
+    pub fn film(&self, chart: Size, flags: &[String]) -> Result<Arc<ArrayFilm>> {
+        if let Some(known) = self.known_film(chart, flags) {
+            return Ok(known);
+        }
+        let all: Vec<String> = self.flags.iter().chain(flags).cloned().collect();
+        let args = ArrayFlags::parse(&all)?.job;
+        let chart_of_arrays = ArrayChart::new(chart, self.wavelengths_nm.clone(), args.nan);
+        let job = Job::of_arrays(&args, chart_of_arrays)?;
+        let shared = SharedStages::of_job(&job, &self.shared)?;
+        let film = Arc::new(ArrayFilm::new(job, shared)?);
+        let mut films = self.films.lock().expect("no panic while held");
+        if films.len() == MAX_FILMS {
+            films.remove(0);
+        }
+        films.push(KnownFilm { chart, flags: flags.to_vec(), film: Arc::clone(&film) });
+        Ok(film)
+    }
+
+    /// Where on the film the points `chart_mm` of the chart land at `nm`, both (x, y) in mm from the axis, y down.
+    ///
+    /// # Errors
+    /// Points beyond the field of the lens; a wavelength that a lens pack does not have.
+    pub fn film_of_chart(&self, chart_mm: &[[f64; 2]], nm: f64) -> Result<Vec<[f64; 2]>> {
+        let map = PointMap::covering(chart_mm, |reach_mm| self.map(nm, reach_mm))?;
+        chart_mm.iter().map(|point| map.film_of_chart(*point)).collect()
+    }
+
+    /// The points of the chart that the film shows at `film_mm`; inverse of [`ArrayLens::film_of_chart`].
+    ///
+    /// # Errors
+    /// As there.
+    pub fn chart_of_film(&self, film_mm: &[[f64; 2]], nm: f64) -> Result<Vec<[f64; 2]>> {
+        let map = self.map(nm, reach_of(film_mm)?)?;
+        Ok(film_mm.iter().map(|point| map.chart_of_film(*point)).collect())
+    }
+
+    /// Relative illumination at `film_mm`.
+    ///
+    /// # Errors
+    /// As [`ArrayLens::film_of_chart`].
+    pub fn relative_illumination(&self, film_mm: &[[f64; 2]], nm: f64) -> Result<Vec<f64>> {
+        let map = self.map(nm, reach_of(film_mm)?)?;
+        Ok(film_mm.iter().map(|point| map.relative_illumination(*point)).collect())
+    }
+
+    /// The map at `nm` up to `reach_mm`: one that is known and reaches as far, or a new one.
+    fn map(&self, nm: f64, reach_mm: f64) -> Result<Arc<PointMap>> {
+        let known = |maps: &[Arc<PointMap>]| {
+            maps.iter().find(|map| map.nm == nm && map.reach_mm >= reach_mm).map(Arc::clone)
+        };
+        if let Some(map) = known(&self.maps.lock().expect("no panic while held")) {
+            return Ok(map);
+        }
+        let map = Arc::new(PointMap::new(&self.flags, nm, reach_mm)?);
+        let mut maps = self.maps.lock().expect("no panic while held");
+        if maps.len() == MAX_MAPS {
+            maps.remove(0);
+        }
+        maps.push(Arc::clone(&map));
+        Ok(map)
+    }
+
+    /// The film, if it is one of the last: it is now the very last.
+    pub fn known_film(&self, chart: Size, flags: &[String]) -> Option<Arc<ArrayFilm>> {
+        let mut films = self.films.lock().expect("no panic while held");
+        let at = films.iter().position(|known| known.chart == chart && known.flags == flags)?;
+        let known = films.remove(at);
+        let film = Arc::clone(&known.film);
+        films.push(known);
+        Some(film)
+    }
+}
