@@ -17,9 +17,7 @@ def glibc(program: bytes) -> int | None:
     return max((int(minor) for minor in re.findall(rb"\0GLIBC_2\.(\d+)(?=[.\0])", program)), default=None)
 
 
-def platform_tag(program: bytes) -> str:
-    """The platform tag of a wheel with this program (PEP 600). manylinux_2_17 is manylinux2014; a static program runs with musl as well."""
-    name, minor = machine(program), glibc(program)
-    if minor is None:
-        return f"manylinux_2_17_{name}.musllinux_1_1_{name}"
-    return f"manylinux_2_{max(minor, 17)}_{name}"
+def platform_tag(*files: bytes) -> str:
+    """The platform tag of a wheel with these files (PEP 600). manylinux_2_17 is manylinux2014."""
+    (name,) = {machine(file) for file in files}
+    return f"manylinux_2_{max([17, *(glibc(file) or 17 for file in files)])}_{name}"

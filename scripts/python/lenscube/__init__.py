@@ -9,6 +9,7 @@ opened here as lazy xarray objects. Every flag of a command is a keyword of the 
 them with their help. Values: numbers, texts and paths; a slice for a range (`bands=slice(450, 650)`), a sequence for a list
 (`wavelengths=np.arange(400, 701, 10)`, `roi=(x, y, width, height)`), True for a switch.
 
+    Lens                                 a lens in this process: films of arrays in memory, points, PSFs
     run, forecast, plan, Plan            chart to film; its cost; a job in units, for many processes
     chart, chart_image                   test charts; a picture as a chart
     sensor, develop, shoot, compare      film to raw, raw to picture, chart to picture, two raws
@@ -25,6 +26,7 @@ program in order and raises `lenscube.Interrupted`; the same call resumes. Notes
 
 from ._arguments import flags
 from ._films import open
+from ._lens import Lens
 from ._picture import Picture
 from ._plan import Plan, plan
 from ._program import path as program
@@ -73,6 +75,7 @@ __all__ = [
     "KilledError",
     "LenscubeError",
     "LenscubeWarning",
+    "Lens",
     "OtherJobError",
     "Picture",
     "Plan",

@@ -22,7 +22,9 @@ def executable(machine: int, symbols: bytes) -> bytes:
 def test_platform_is_the_oldest_that_the_program_runs_on():
     assert elf.platform_tag(executable(0x3E, b"\0GLIBC_2.2.5\0GLIBC_2.28\0GLIBC_2.17\0")) == "manylinux_2_28_x86_64"
     assert elf.platform_tag(executable(0xB7, b"\0GLIBC_2.4\0")) == "manylinux_2_17_aarch64"
-    assert "musllinux" in elf.platform_tag(executable(0x3E, b"no such symbols"))
+    assert elf.platform_tag(executable(0x3E, b"no such symbols")) == "manylinux_2_17_x86_64"
+    both = executable(0x3E, b"\0GLIBC_2.28\0"), executable(0x3E, b"\0GLIBC_2.34\0")
+    assert elf.platform_tag(*both) == "manylinux_2_34_x86_64"
     with pytest.raises(ValueError):
         elf.machine(b"\xcf\xfa\xed\xfe")
 
