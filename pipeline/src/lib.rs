@@ -32,6 +32,8 @@
 //!
 //! After the film: [`sensor`] exposes a camera's sensor to it, [`develop`] makes a picture of the raw.
 //!
+//! From a film to a chart: [`adjoint`], the exact transpose of the film of one flat chart.
+//!
 //! Other modules: [`design`] makes the tables and PSFs of a lens from its prescription by ray tracing, in layers (prescription, rays, pupil,
 //! figures, PSF, tables); lens files are read by the package `formats`. [`chart`] draws test charts
 //! ([`colour`], [`reflectance`], [`wavelengths`]); [`measure`] measures edges, points and profiles; [`figures`] summarises a lens;
@@ -79,6 +81,7 @@
 
 #![cfg_attr(not(test), warn(clippy::disallowed_methods))]
 
+pub mod adjoint;
 pub mod band;
 pub mod bench;
 pub mod bounds;

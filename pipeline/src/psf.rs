@@ -22,6 +22,7 @@ mod block_view;
 pub mod blocks;
 pub mod cuda;
 mod engine;
+pub(crate) mod gather;
 pub mod grid;
 pub mod kernel;
 pub mod memory;

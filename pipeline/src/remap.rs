@@ -28,6 +28,7 @@ pub(crate) mod map;
 pub mod memory;
 mod planar;
 mod reach;
+mod scatter;
 pub(crate) mod surround;
 
 use crate::buffer::resize_exact;
@@ -56,6 +57,7 @@ use planar::PlanarChartMap;
 use planar::anchors::PlanarAnchors;
 #[cfg(target_arch = "x86_64")]
 use planar::lanes::FillPlanarAnchors;
+pub(crate) use scatter::ChartPart;
 use surround::read_with_surround;
 
 /// How the chart is interpolated and extended.
@@ -304,20 +306,7 @@ impl Remap {
     /// Averages the chart over the pixels of the film rectangle `part` (scale < 1).
     fn average(&self, part: Part<'_>, s: &mut RemapScratch) -> Result<(), SourceSinkError> {
         let Part { rect, out, stride, .. } = part;
-        let n = rect.size().pixels();
-        let (by, bx) = ((1.0 / self.frame.scale.0).max(1.0), (1.0 / self.frame.scale.1).max(1.0));
-        s.places.resize(n, (0.0, 0.0, 0.0));
-        let (mut y, mut x) = ((i64::MAX, i64::MIN), (i64::MAX, i64::MIN));
-        let map = self.map();
-        for (y_film, line) in (rect.y..).zip(s.places.chunks_exact_mut(rect.width)) {
-            map.fill_line(y_film, rect.x, line, &mut s.film_row);
-            for &(row, col, _) in line.iter() {
-                let ((y0, h), (x0, w)) = (box_span(row, by), box_span(col, bx));
-                y = (y.0.min(y0), y.1.max(y0 + h as i64));
-                x = (x.0.min(x0), x.1.max(x0 + w as i64));
-            }
-        }
-        let chart_rect = Rect::new(y.0, x.0, (y.1 - y.0) as usize, (x.1 - x.0) as usize);
+        let (chart_rect, (by, bx)) = self.boxes(rect, s);
         self.fetch(part.chart, part.band, chart_rect, s)?;
         for (row, to) in out.chunks_mut(stride).take(rect.height).enumerate() {
             for (col, to) in to[..rect.width].iter_mut().enumerate() {
@@ -336,6 +325,23 @@ impl Remap {
             }
         }
         Ok(())
+    }
+
+    /// The places of the pixels of `rect` on the chart, in `s.places`; the chart rectangle of the boxes about them, and the size of a box, chart pixels.
+    fn boxes(&self, rect: Rect, s: &mut RemapScratch) -> (Rect, (f64, f64)) {
+        let (by, bx) = ((1.0 / self.frame.scale.0).max(1.0), (1.0 / self.frame.scale.1).max(1.0));
+        s.places.resize(rect.size().pixels(), (0.0, 0.0, 0.0));
+        let (mut y, mut x) = ((i64::MAX, i64::MIN), (i64::MAX, i64::MIN));
+        let map = self.map();
+        for (y_film, line) in (rect.y..).zip(s.places.chunks_exact_mut(rect.width)) {
+            map.fill_line(y_film, rect.x, line, &mut s.film_row);
+            for &(row, col, _) in line.iter() {
+                let ((y0, h), (x0, w)) = (box_span(row, by), box_span(col, bx));
+                y = (y.0.min(y0), y.1.max(y0 + h as i64));
+                x = (x.0.min(x0), x.1.max(x0 + w as i64));
+            }
+        }
+        (Rect::new(y.0, x.0, (y.1 - y.0) as usize, (x.1 - x.0) as usize), (by, bx))
     }
 
     /// Reads the chart and its surround on `rect` (which may extend beyond the chart) into `s.source`.

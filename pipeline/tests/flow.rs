@@ -1,6 +1,7 @@
-//! Chart to film in memory through the executor: compared with the f64 model, and the same bits for any way of running it.
+//! Chart to film in memory through the executor: compared with the f64 model, the same bits for any way of running it, and its transpose.
 //! Each case runs once per instruction set; sets that the machine lacks are reported as ignored.
 
+mod adjoint_cases;
 mod flow_case;
 mod oracle;
 
@@ -175,5 +176,5 @@ fn main() -> ExitCode {
         ),
         ("read_error_loses_exactly_the_dependent_shards", read_error_loses_exactly_the_dependent_shards),
     ];
-    oracle::on_every_isa(&checks)
+    oracle::on_every_isa(&[&checks[..], &adjoint_cases::CHECKS].concat())
 }

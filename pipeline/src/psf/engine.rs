@@ -4,6 +4,7 @@ use crate::buffer::AlignedBuf;
 use crate::psf::block_view::{BlockView, Spectra};
 use crate::psf::blocks::Blocks;
 use crate::psf::grid::NodeGrid;
+use crate::psf::polar::BlockPlace;
 use crate::psf::portable::{self, Portable};
 #[cfg(target_arch = "x86_64")]
 use crate::psf::simd::{self, Columns};
@@ -111,6 +112,29 @@ impl Engine {
             (Self::Avx512(e), EngineScratch::Simd(s)) => e.scatter(block, grid, spectra, out, stride, s),
             #[cfg(target_arch = "x86_64")]
             (Self::Avx2(e), EngineScratch::Simd(s)) => e.scatter(block, grid, spectra, out, stride, s),
+            #[cfg(target_arch = "x86_64")]
+            _ => unreachable!("{SCRATCH_MISMATCH}"),
+        }
+    }
+
+    /// The transpose of [`Engine::scatter`]: adds to each pixel of the block at `place`, in `out`, the film under the kernels of the pixel. `film` has the
+    /// film pixels that the block contributes to. Both are buffers and the pixels from row to row, in `out` and `film` complete panels of 16 columns, the film's zero from
+    /// `cols + window − 1` on.
+    pub(super) fn gather(
+        &self,
+        film: (&[f32], usize),
+        place: &BlockPlace,
+        grid: &NodeGrid,
+        spectra: &dyn Spectra,
+        out: (&mut [f32], usize),
+        scratch: &mut EngineScratch,
+    ) {
+        match (self, scratch) {
+            (Self::Portable(e), EngineScratch::Portable(s)) => e.gather(film, place, grid, spectra, out, s),
+            #[cfg(target_arch = "x86_64")]
+            (Self::Avx512(e), EngineScratch::Simd(s)) => e.gather(film, place, grid, spectra, out, s),
+            #[cfg(target_arch = "x86_64")]
+            (Self::Avx2(e), EngineScratch::Simd(s)) => e.gather(film, place, grid, spectra, out, s),
             #[cfg(target_arch = "x86_64")]
             _ => unreachable!("{SCRATCH_MISMATCH}"),
         }

@@ -8,6 +8,7 @@ use crate::buffer::AlignedBuf;
 use crate::psf::block_view::{BlockView, Spectra};
 use crate::psf::blocks::Blocks;
 use crate::psf::grid::{Node, NodeGrid, NodeWeight};
+use crate::psf::polar::BlockPlace;
 use num_complex::Complex32;
 use realfft::{ComplexToReal, RealFftPlanner, RealToComplex};
 use rustfft::{Fft, FftPlanner};
@@ -153,7 +154,51 @@ impl Portable {
             }
         }
         s.nodes = nodes;
-        self.inverse(rows + self.window - 1, cols + self.window - 1, out, out_stride, s);
+        let cols = cols + self.window - 1;
+        self.inverse(rows + self.window - 1, s, |y, line| {
+            out[y * out_stride..][..cols].iter_mut().zip(line).for_each(|(to, from)| *to += from);
+        });
+    }
+
+    /// The transpose of [`Portable::scatter`]: adds to `out`, rows `out_stride` apart, at each pixel of the block at `place` the film under the kernels of the pixel.
+    /// `film` has the `rows + window − 1` × `cols + window − 1` film pixels that the block contributes to, rows `film_stride` apart.
+    pub fn gather(
+        &self,
+        (film, film_stride): (&[f32], usize),
+        place: &BlockPlace,
+        grid: &NodeGrid,
+        spectra: &dyn Spectra,
+        (out, out_stride): (&mut [f32], usize),
+        s: &mut Scratch,
+    ) {
+        let (rows, cols, tail) = (place.rows, place.cols, self.window - 1);
+        let extent = grid.coordinates(place, cols, &mut s.r, &mut s.theta);
+        for y in 0..rows + tail {
+            s.row[..cols + tail].copy_from_slice(&film[y * film_stride..][..cols + tail]);
+            s.row[cols + tail..].fill(0.0);
+            self.row_forward(y, s);
+        }
+        self.columns_forward(rows + tail, s);
+        let mut nodes = std::mem::take(&mut s.nodes);
+        grid.touching(&extent, &mut nodes);
+        let (r, theta) = (std::mem::take(&mut s.r), std::mem::take(&mut s.theta));
+        for (node, weight) in &nodes {
+            let at = |i: usize| weight.at(r[i], theta[i], extent.wraps);
+            if (0..rows * cols).all(|i| at(i) == 0.0) {
+                continue;
+            }
+            let spectrum = spectra.get(*node);
+            let spectrum: &[Complex32] = bytemuck::cast_slice(&spectrum);
+            for ((to, a), b) in s.sum.iter_mut().zip(&s.transposed).zip(spectrum) {
+                *to = a * b.conj();
+            }
+            self.inverse(rows, s, |y, line| {
+                for (x, (to, v)) in out[y * out_stride..][..cols].iter_mut().zip(line).enumerate() {
+                    *to += at(y * cols + x) * v;
+                }
+            });
+        }
+        (s.nodes, s.r, s.theta) = (nodes, r, theta);
     }
 
     fn row_forward(&self, y: usize, s: &mut Scratch) {
@@ -168,17 +213,15 @@ impl Portable {
         self.columns.process_with_scratch(&mut s.transposed, &mut s.fft);
     }
 
-    /// Inverse transform of `s.sum`, added to `out`.
-    fn inverse(&self, rows: usize, cols: usize, out: &mut [f32], stride: usize, s: &mut Scratch) {
+    /// Inverse transform of `s.sum`, passed to `each` row by row.
+    fn inverse(&self, rows: usize, s: &mut Scratch, mut each: impl FnMut(usize, &[f32])) {
         self.columns_inverse.process_with_scratch(&mut s.sum, &mut s.fft);
         transpose(&s.sum, &mut s.rows, self.half, self.fft);
         for (y, line) in s.rows.chunks_exact_mut(self.half).take(rows).enumerate() {
             line[0].im = 0.0;
             line[self.half - 1].im = 0.0;
             self.inverse.process_with_scratch(line, &mut s.row, &mut s.fft).expect("planned lengths");
-            for (to, from) in out[y * stride..][..cols].iter_mut().zip(&s.row) {
-                *to += from;
-            }
+            each(y, &s.row);
         }
     }
 }

@@ -16,6 +16,7 @@
 mod block;
 mod complex;
 mod fft;
+mod gather;
 
 use crate::buffer::AlignedBuf;
 use crate::psf::block_view::{BlockView, Spectra};

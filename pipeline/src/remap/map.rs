@@ -205,7 +205,8 @@ impl Points {
         }
     }
 
-    fn resize(&mut self, rect: Rect) {
+    /// Makes room for the pixels of `rect`.
+    pub(super) fn resize(&mut self, rect: Rect) {
         self.stride = rect.width.next_multiple_of(PAD);
         let n = rect.height * self.stride;
         self.row.resize(n, 0);

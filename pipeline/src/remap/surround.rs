@@ -2,7 +2,7 @@
 
 use crate::buffer::resize_exact;
 use crate::flow::{ChartSource, SourceSinkError};
-use crate::geometry::Rect;
+use crate::geometry::{Rect, Size};
 use crate::resample::Surround;
 
 /// Fills `out` (row-major) with band `band` of `chart` on `rect`, with its `surround` outside the chart; `inside` is a buffer.
@@ -47,4 +47,36 @@ pub(crate) fn read_with_surround(
         }
     }
     Ok(())
+}
+
+/// The transpose of [`read_with_surround`]: adds `values` (row-major) on `rect` to the pixels of `chart`, of `size`, that they are copies of.
+///
+/// Copies of one pixel in a row, and in the rows after it, are summed in f64 before they are added: beyond the edge of a chart there may be millions.
+pub(crate) fn add_with_surround(
+    (values, rect): (&[f32], Rect),
+    surround: Surround,
+    (chart, size): (&mut [f32], Size),
+) {
+    let columns: Vec<Option<usize>> =
+        (0..rect.width as i64).map(|x| surround.index(rect.x + x, size.width)).collect();
+    let (Some(first), Some(last)) = (columns.iter().flatten().min(), columns.iter().flatten().max()) else {
+        return;
+    };
+    let mut sums = vec![0.0; last + 1 - first];
+    let rows = |y: usize| surround.index(rect.y + y as i64, size.height);
+    for (y, line) in values.chunks_exact(rect.width).enumerate() {
+        let Some(row) = rows(y) else { continue };
+        for (column, value) in columns.iter().zip(line) {
+            if let Some(column) = column {
+                sums[column - first] += f64::from(*value);
+            }
+        }
+        if y + 1 < rect.height && rows(y + 1) == Some(row) {
+            continue;
+        }
+        let to = &mut chart[row * size.width + first..][..sums.len()];
+        for (to, sum) in to.iter_mut().zip(&mut sums) {
+            *to += std::mem::take(sum) as f32;
+        }
+    }
 }

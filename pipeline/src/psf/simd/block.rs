@@ -198,7 +198,7 @@ fn polynomial<V: Lanes, const N: usize>(coefficients: &[f32; N], x: V) -> V {
 
 /// [`NodeWeight`] with its values in all lanes.
 #[derive(Clone, Copy)]
-struct SplatWeight<V> {
+pub(super) struct SplatWeight<V> {
     rise: V,
     rise_at: V,
     fall: V,
@@ -209,7 +209,7 @@ struct SplatWeight<V> {
 
 impl<V: Lanes> SplatWeight<V> {
     #[inline(always)]
-    fn new(weight: &NodeWeight) -> Self {
+    pub(super) fn new(weight: &NodeWeight) -> Self {
         Self {
             rise: V::splat(weight.rise),
             rise_at: V::splat(weight.rise_at),
@@ -220,9 +220,15 @@ impl<V: Lanes> SplatWeight<V> {
         }
     }
 
-    /// The pixels times their weights: [`NodeWeight::at`].
+    /// The pixels times their weights.
     #[inline(always)]
-    fn apply<const WRAPS: bool>(&self, [value, r, theta]: &Pixels<V>) -> V {
+    fn apply<const WRAPS: bool>(&self, pixels: &Pixels<V>) -> V {
+        pixels[0] * self.at::<WRAPS>(pixels)
+    }
+
+    /// The weights at the pixels: [`NodeWeight::at`].
+    #[inline(always)]
+    pub(super) fn at<const WRAPS: bool>(&self, [_, r, theta]: &Pixels<V>) -> V {
         let (zero, one) = (V::splat(0.0), V::splat(1.0));
         let rise = r.mul_add(self.rise, self.rise_at);
         let radial = rise.min(r.mul_add(self.fall, self.fall_at)).max(zero);
@@ -230,7 +236,7 @@ impl<V: Lanes> SplatWeight<V> {
         if WRAPS {
             d = d.min(V::splat(TAU) - d);
         }
-        *value * (radial * d.neg_mul_add(self.per_rad, one).max(zero))
+        radial * d.neg_mul_add(self.per_rad, one).max(zero)
     }
 }
 
