@@ -22,9 +22,11 @@ use flags::ArrayFlags;
 use formats::chart::ArrayChart;
 use pipeline::geometry::Size;
 use points::{PointMap, reach_of};
-use shared::SharedStages;
+use shared::SharedSets;
 use std::sync::{Arc, Mutex};
 
+/// Reach of a map over that of its points.
+const FARTHER: f64 = 1.2;
 /// Maps of points that are kept.
 const MAX_MAPS: usize = 64;
 /// Films whose tables and plans are kept.
@@ -35,7 +37,7 @@ pub struct ArrayLens {
     flags: Vec<String>,
     wavelengths_nm: Vec<f64>,
     films: Mutex<Vec<KnownFilm>>,
-    shared: Mutex<Vec<Arc<SharedStages>>>,
+    shared: Mutex<SharedSets>,
     maps: Mutex<Vec<Arc<PointMap>>>,
 }
 
@@ -96,9 +98,12 @@ impl ArrayLens {
         let args = ArrayFlags::parse(&all)?.job;
         let chart_of_arrays = ArrayChart::new(chart, self.wavelengths_nm.clone(), args.nan);
         let job = Job::of_arrays(&args, chart_of_arrays)?;
-        let shared = SharedStages::of_job(&job, &self.shared)?;
+        let memory = job.memory.limit as u64;
+        let shared = self.shared.lock().expect("no panic while held").of_job(&job)?;
         let film = Arc::new(ArrayFilm::new(job, shared)?);
+        let forgotten = self.shared.lock().expect("no panic while held").trim(memory);
         let mut films = self.films.lock().expect("no panic while held");
+        films.retain(|known| !forgotten.iter().any(|set| known.film.shares(set)));
         if films.len() == MAX_FILMS {
             films.remove(0);
         }
@@ -141,7 +146,9 @@ impl ArrayLens {
         if let Some(map) = known(&self.maps.lock().expect("no panic while held")) {
             return Ok(map);
         }
-        let map = Arc::new(PointMap::new(&self.flags, nm, reach_mm)?);
+        // Farther than needed where the lens can be traced so far, so that points a little farther off have the same map.
+        let farther = PointMap::new(&self.flags, nm, FARTHER * reach_mm);
+        let map = Arc::new(farther.or_else(|_| PointMap::new(&self.flags, nm, reach_mm))?);
         let mut maps = self.maps.lock().expect("no panic while held");
         if maps.len() == MAX_MAPS {
             maps.remove(0);

@@ -6,6 +6,7 @@ use pipeline::band::{BandPlan, Options};
 use pipeline::flow::{ChartSource, SourceSinkError};
 use pipeline::geometry::Frame;
 use pipeline::layer::Taps;
+use pipeline::tails::TailKernels;
 use std::sync::atomic::AtomicBool;
 
 /// How a job makes one of its layers.
@@ -46,6 +47,8 @@ pub struct LayerInputs<'a> {
     pub frame: &'a Frame,
     /// The band's plan.
     pub plan: &'a BandPlan,
+    /// The kernels of its tails, if other films have used them.
+    pub tail_kernels: Option<&'a TailKernels>,
     /// Stages and interpolation.
     pub options: &'a Options,
     /// Film value per chart value on the axis.

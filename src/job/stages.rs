@@ -12,6 +12,7 @@ use pipeline::depth::seen::SeenChart;
 use pipeline::flow::{ChartSource, SourceSinkError};
 use pipeline::layer::Layer;
 use pipeline::psf::BandPsf;
+use pipeline::tails::TailKernels;
 use std::sync::atomic::AtomicBool;
 use std::sync::{Arc, Mutex};
 
@@ -31,22 +32,30 @@ pub enum StageError {
 /// # Errors
 /// The PSFs cannot be read.
 pub fn stages(job: &Job, position: usize) -> Result<BandStages, StageError> {
+    with_id(job, position, position)
+}
+
+/// As [`stages`]; the band is called `id` in the cache of spectra.
+///
+/// # Errors
+/// As there.
+pub fn with_id(job: &Job, position: usize, id: usize) -> Result<BandStages, StageError> {
     let plan = &job.plans[position];
     let gain = job.gains[position] * remaining(&job.layers, job.film_bands[position]);
     if plan.depth.is_some() {
         let reader = job.lens.psf_reader(plan.lens_bands.first);
-        return Ok(plan.depth_stages(position, &job.frame, job.lens.lens(), &job.options, gain, reader));
+        return Ok(plan.depth_stages(id, &job.frame, job.lens.lens(), &job.options, gain, reader));
     }
     if plan.reads_on_demand() {
         let reader = job.lens.psf_reader(plan.lens_bands.first);
         let sample = job.lens.lens().psf_sample;
-        return Ok(plan.stages_on_demand(position, &job.frame, sample, &job.options, gain, reader));
+        return Ok(plan.stages_on_demand(id, &job.frame, sample, &job.options, gain, reader));
     }
     let read_psfs = |band: usize| match plan.node {
         Some(node) => Ok(job.lens.psf_of_node(band, node)?),
         None => Ok::<_, StageError>(job.lens.psf(band)?),
     };
-    plan.stages(position, &job.frame, &job.options, gain, read_psfs)
+    plan.stages(id, &job.frame, &job.options, gain, read_psfs)
 }
 
 /// The stages of the band at `position` with the PSF stage `psf`, which films at other places have as well, without its layers.
@@ -64,8 +73,9 @@ pub fn layers(job: &Job, store: &FilmStore, position: usize) -> Result<Vec<Layer
     let band = job.film_bands[position];
     let seen = job.depth.as_ref().filter(|depth| !depth.is_opaque());
     let seen = seen.map(|depth| SeenChart::new(job.chart.source(), depth.sheets()));
-    let chart = seen.as_ref().map_or_else(|| job.chart.source(), |seen| seen as &dyn ChartSource);
-    let inputs = layer_inputs(job, position, (chart, job.chart_bands[position]), interrupt::cancel_flag());
+    let source = seen.as_ref().map_or_else(|| job.chart.source(), |seen| seen as &dyn ChartSource);
+    let chart = (source, job.chart_bands[position]);
+    let inputs = layer_inputs(job, position, chart, None, interrupt::cancel_flag());
     let layer = |(index, source): (usize, &dyn JobLayer)| {
         let coefficients = match store.read_layer(index, band)? {
             Some(stored) => stored,
@@ -82,7 +92,7 @@ pub fn layers(job: &Job, store: &FilmStore, position: usize) -> Result<Vec<Layer
     job.layers.iter().map(AsRef::as_ref).enumerate().map(layer).collect()
 }
 
-/// The layers of the band at `position` of a film in memory, of the band `chart.1` of `chart.0`.
+/// The layers of the band at `position` of a film in memory, of the band `chart.1` of `chart.0`, whose tails have the kernels `tail_kernels`.
 ///
 /// # Errors
 /// The chart cannot be read.
@@ -90,10 +100,11 @@ pub fn layers_of_array(
     job: &Job,
     position: usize,
     chart: (&dyn ChartSource, usize),
+    tail_kernels: Option<&TailKernels>,
     cancel: &AtomicBool,
 ) -> Result<Vec<Layer>, SourceSinkError> {
     let band = job.film_bands[position];
-    let inputs = layer_inputs(job, position, chart, cancel);
+    let inputs = layer_inputs(job, position, chart, tail_kernels, cancel);
     let layer = |(index, source): (usize, &dyn JobLayer)| {
         let grid = job.film.layer_grid(index, band);
         Ok(Layer::new(grid, source.taps(), source.coefficients(&inputs)?))
@@ -106,6 +117,7 @@ fn layer_inputs<'a>(
     job: &'a Job,
     position: usize,
     (chart, chart_band): (&'a dyn ChartSource, usize),
+    tail_kernels: Option<&'a TailKernels>,
     cancel: &'a AtomicBool,
 ) -> LayerInputs<'a> {
     let film_band = job.film_bands[position];
@@ -116,6 +128,7 @@ fn layer_inputs<'a>(
         film_band,
         frame: &job.frame,
         plan: &job.plans[position],
+        tail_kernels,
         options: &job.options,
         gain: job.gains[position],
         remaining: remaining(&job.layers, film_band),

@@ -12,11 +12,11 @@ use formats::film::{FilmLayer, FilmSpec};
 use pipeline::flow::SourceSinkError;
 use pipeline::layer::{BinGrid, Taps};
 use pipeline::stage::Stage;
-use pipeline::tails::{ChartCells, MAX_BIN_PX, TAIL_MARGIN_BINS, TailPlan};
+use pipeline::tails::{ChartCells, MAX_BIN_PX, TAIL_MARGIN_BINS, TailKernels, TailPlan};
 use serde_json::json;
 
 /// Name of the layer.
-const NAME: &str = "veil_tail";
+pub const TAILS: &str = "veil_tail";
 
 /// The tails of a job.
 pub struct JobTail {
@@ -65,7 +65,7 @@ impl JobTail {
             bin_px[*band] = plan.tail.as_ref().map_or(MAX_BIN_PX, TailPlan::bin_px);
         }
         let stored = FilmLayer {
-            name: NAME.into(),
+            name: TAILS.into(),
             bin_px,
             margin_bins: TAIL_MARGIN_BINS,
             // It depends on the height, and is part of the PSF.
@@ -78,7 +78,7 @@ impl JobTail {
 
 /// Bins of the layer of tails of `film` by band, film pixels; empty without one.
 pub fn tail_bins_px(film: &FilmSpec) -> Vec<usize> {
-    film.layers.iter().find(|layer| layer.name == NAME).map_or(Vec::new(), |layer| layer.bin_px.clone())
+    film.layers.iter().find(|layer| layer.name == TAILS).map_or(Vec::new(), |layer| layer.bin_px.clone())
 }
 
 impl JobLayer for JobTail {
@@ -111,7 +111,15 @@ impl JobLayer for JobTail {
         let chart = (band.chart, band.chart_band);
         let sides = tail.cells_px(frame);
         let cells = ChartCells::read(chart, sides, surround, options.simd, threads, band.cancel)?;
-        Ok(tail.layer(frame, &plan.lens, options, band.gain * band.remaining, cells, threads))
+        let own;
+        let kernels = match band.tail_kernels {
+            Some(kernels) => kernels,
+            None => {
+                own = TailKernels::new(tail, options.simd, false);
+                &own
+            }
+        };
+        Ok(tail.layer(kernels, frame, &plan.lens, options, band.gain * band.remaining, cells, threads))
     }
 }
 

@@ -4,6 +4,7 @@
 mod common;
 
 mod addresses;
+mod arrays;
 mod bad_input;
 mod band_samples;
 mod bounds;

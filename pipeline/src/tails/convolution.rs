@@ -71,44 +71,49 @@ impl Harmonics {
     }
 }
 
-/// T_l ∗ `lights[l]` of all levels l of `plan`, each on the film's bins of its level and [`OUT_MARGIN`] around.
-pub(super) fn convolve_levels(
-    plan: &TailPlan,
-    frame: &Frame,
-    lights: Vec<Vec<f32>>,
-    simd: Simd,
-    threads: usize,
-) -> Vec<Vec<f32>> {
+/// The kernels of a band's tails, and how they are convolved. They depend on the lens, the pitch and the size of the film, not on its place in the field.
+pub(super) trait ConvolveLevels: Send + Sync {
+    /// T_l ∗ `lights[l]` of all levels l, each on the film's bins of its level and [`OUT_MARGIN`] around.
+    fn levels(&self, frame: &Frame, lights: Vec<Vec<f32>>, threads: usize) -> Vec<Vec<f32>>;
+}
+
+/// The kernels of `plan`. With `is_kept` spectra remain in memory after the first film, for further ones.
+pub(super) fn kernels(plan: &TailPlan, simd: Simd, is_kept: bool) -> Box<dyn ConvolveLevels> {
     match simd.isa() {
         #[cfg(target_arch = "x86_64")]
-        Isa::Avx512 => Engine::<Unfused<Avx512>>::new(plan, simd).levels(frame, lights, threads),
+        Isa::Avx512 => Box::new(Engine::<Unfused<Avx512>>::new(plan, simd, is_kept)),
         #[cfg(target_arch = "x86_64")]
-        Isa::Avx2 => Engine::<Unfused<Avx2>>::new(plan, simd).levels(frame, lights, threads),
-        _ => Engine::<Plain>::new(plan, simd).levels(frame, lights, threads),
+        Isa::Avx2 => Box::new(Engine::<Unfused<Avx2>>::new(plan, simd, is_kept)),
+        _ => Box::new(Engine::<Plain>::new(plan, simd, is_kept)),
     }
 }
 
 /// The engine of a band's tails.
-struct Engine<'a, V: Lanes> {
-    plan: &'a TailPlan,
+struct Engine<V: Lanes> {
+    plan: TailPlan,
     /// Of levels 0 and 1.
     harmonics: [Harmonics; 2],
     blocks: Blocks,
     columns: Columns<V>,
     /// Spectra of the nodes at level 1, one of each power law.
     of_terms: Vec<OnceLock<[AlignedBuf; TERMS]>>,
+    /// Spectra of the nodes of each level, if they are kept.
+    kept: Option<Vec<NodeSpectra>>,
 }
 
+/// Spectra of the nodes of a level, made when a block needs them.
+type NodeSpectra = Vec<OnceLock<Arc<AlignedBuf>>>;
+
 /// Spectra of one level, for one thread.
-struct LevelSpectra<'a, 'p, V: Lanes> {
-    engine: &'a Engine<'p, V>,
+struct LevelSpectra<'a, V: Lanes> {
+    engine: &'a Engine<V>,
     grid: &'a NodeGrid,
     level: usize,
     made: &'a [OnceLock<Arc<AlignedBuf>>],
     scratch: RefCell<Scratch>,
 }
 
-impl<V: Lanes> LevelSpectra<'_, '_, V> {
+impl<V: Lanes> LevelSpectra<'_, V> {
     /// The spectrum of the power laws `terms` of `node`, at level 0 or 1.
     fn spectrum(&self, node: Node, terms: Range<usize>) -> AlignedBuf {
         let c = &self.engine.plan.coefficients[node.k];
@@ -130,7 +135,7 @@ impl<V: Lanes> LevelSpectra<'_, '_, V> {
     }
 }
 
-impl<V: Lanes> Spectra for LevelSpectra<'_, '_, V> {
+impl<V: Lanes> Spectra for LevelSpectra<'_, V> {
     fn get(&self, node: Node) -> Arc<AlignedBuf> {
         let made = self.made[self.grid.id(node)].get_or_init(|| {
             Arc::new(match self.level {
@@ -142,13 +147,15 @@ impl<V: Lanes> Spectra for LevelSpectra<'_, '_, V> {
     }
 }
 
-impl<'a, V: Lanes> Engine<'a, V> {
-    fn new(plan: &'a TailPlan, simd: Simd) -> Self {
+impl<V: Lanes> Engine<V> {
+    fn new(plan: &TailPlan, simd: Simd, is_kept: bool) -> Self {
         let blocks = plan.blocks();
         // Rows of blocks then overlap their neighbours alone.
         assert!(blocks.block >= 2 * plan.half(), "{blocks:?}");
+        let of_level = |level: usize| unset(plan.grid(level).len());
         Self {
-            plan,
+            kept: is_kept.then(|| (0..plan.levels).map(of_level).collect()),
+            plan: plan.clone(),
             harmonics: [0, 1].map(|level| Harmonics::new(plan, level)),
             columns: Columns::new(&blocks, simd),
             blocks,
@@ -156,18 +163,20 @@ impl<'a, V: Lanes> Engine<'a, V> {
         }
     }
 
-    fn levels(&self, frame: &Frame, lights: Vec<Vec<f32>>, threads: usize) -> Vec<Vec<f32>> {
-        let of_level = |(level, light): (usize, Vec<f32>)| self.convolve(frame, level, &light, threads);
-        lights.into_iter().enumerate().map(of_level).collect()
-    }
-
     /// T_l ∗ `light` on the film's bins of `level` and [`OUT_MARGIN`] around.
     fn convolve(&self, frame: &Frame, level: usize, light: &[f32], threads: usize) -> Vec<f32> {
-        let plan = self.plan;
+        let plan = &self.plan;
         let bins = plan.bins(level);
         let (Size { height: rows, width: columns }, half) = (bins.size(), plan.half());
         let grid = plan.grid(level);
-        let made = unset(grid.len());
+        let own;
+        let made = match &self.kept {
+            Some(levels) => &levels[level],
+            None => {
+                own = unset(grid.len());
+                &own
+            }
+        };
         let stride = row_stride(columns, half);
         let sum = Mutex::new(crate::buffer::zeros(stride * (rows + 2 * half)));
         let done: Result<(), Infallible> = for_each_part(
@@ -175,7 +184,7 @@ impl<'a, V: Lanes> Engine<'a, V> {
             (0..rows).step_by(self.blocks.block),
             || {
                 let scratch = RefCell::new(self.columns.scratch());
-                let spectra = LevelSpectra { engine: self, grid: &grid, level, made: &made, scratch };
+                let spectra = LevelSpectra { engine: self, grid: &grid, level, made, scratch };
                 (spectra, self.columns.scratch(), Vec::new())
             },
             |(spectra, scratch, out), top| {
@@ -213,6 +222,13 @@ impl<'a, V: Lanes> Engine<'a, V> {
         let sum = sum.into_inner().expect("no panic while held");
         let lines = sum.chunks_exact(stride).skip(first).take(out_rows);
         lines.flat_map(|line| &line[first..first + out_columns]).copied().collect()
+    }
+}
+
+impl<V: Lanes> ConvolveLevels for Engine<V> {
+    fn levels(&self, frame: &Frame, lights: Vec<Vec<f32>>, threads: usize) -> Vec<Vec<f32>> {
+        let of_level = |(level, light): (usize, Vec<f32>)| self.convolve(frame, level, &light, threads);
+        lights.into_iter().enumerate().map(of_level).collect()
     }
 }
 

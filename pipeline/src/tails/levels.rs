@@ -3,7 +3,7 @@
 //! Light and results are means per film pixel. The light of a level comes from that of the finer one where all bins that it reads are there, and
 //! from the remapped image beyond.
 
-use super::convolution::convolve_levels;
+use super::convolution::{ConvolveLevels, kernels};
 use super::light::{self, Light};
 use super::plan::TailPlan;
 use super::{GROWTH, OUT_MARGIN, first_part, transposed};
@@ -21,6 +21,26 @@ pub fn lights(plan: &TailPlan, light: &dyn Light, threads: usize) -> Vec<Vec<f32
     lights
 }
 
+/// The kernels of a band's tails, for films of the size and scale of its plan.
+pub struct TailKernels {
+    /// Share of the light beyond the last level.
+    rest: f64,
+    convolve: Box<dyn ConvolveLevels>,
+}
+
+impl std::fmt::Debug for TailKernels {
+    fn fmt(&self, f: &mut std::fmt::Formatter<'_>) -> std::fmt::Result {
+        f.debug_struct("TailKernels").field("rest", &self.rest).finish_non_exhaustive()
+    }
+}
+
+impl TailKernels {
+    /// Those of `plan`. With `is_kept` their spectra remain in memory after the first film ([`TailPlan::kept_bytes`]).
+    pub fn new(plan: &TailPlan, simd: Simd, is_kept: bool) -> Self {
+        Self { rest: plan.rest(), convolve: kernels(plan, simd, is_kept) }
+    }
+}
+
 /// The tails of a band of the light `lights` on the bins of each level, on the bins of level 0 with a margin of `margin` bins (at most 3), row by row: the values
 /// of a layer that is interpolated by four-tap cubic Lagrange polynomials. The same bits for any number of `threads` and any `simd`.
 ///
@@ -28,18 +48,18 @@ pub fn lights(plan: &TailPlan, light: &dyn Light, threads: usize) -> Vec<Vec<f32
 /// Too large a margin.
 pub fn layer(
     plan: &TailPlan,
+    kernels: &TailKernels,
     frame: &Frame,
     lights: Vec<Vec<f32>>,
     margin: usize,
-    simd: Simd,
     threads: usize,
 ) -> Vec<f32> {
     assert!(margin <= OUT_MARGIN);
     // What no level has, evenly.
     let last = &lights[plan.levels - 1];
     let mean = last.iter().map(|v| f64::from(*v)).sum::<f64>() / last.len() as f64;
-    let rest = (mean * plan.rest()) as f32;
-    let mut results = convolve_levels(plan, frame, lights, simd, threads);
+    let rest = (mean * kernels.rest) as f32;
+    let mut results = kernels.convolve.levels(frame, lights, threads);
     let mut sum = results.pop().expect("at least one level");
     sum.iter_mut().for_each(|v| *v += rest);
     for level in (0..results.len()).rev() {

@@ -1,9 +1,10 @@
 //! The light of a band's remapped image at any place, from the chart on cells.
 
+use super::OUT_MARGIN;
 use super::cells::ChartCells;
+use super::levels::{self, TailKernels};
 use super::light::{Light, SAMPLES};
 use super::plan::TailPlan;
-use super::{OUT_MARGIN, levels};
 use crate::field::Field;
 use crate::geometry::{Frame, Size};
 use crate::lens::LensBand;
@@ -73,6 +74,7 @@ impl TailPlan {
     /// cells, which are dropped as soon as they are read; `gain` multiplies the remapped image. The same bits for any number of `threads` and any instructions.
     pub fn layer(
         &self,
+        kernels: &TailKernels,
         frame: &Frame,
         band: &LensBand,
         options: &Options,
@@ -88,7 +90,7 @@ impl TailPlan {
             levels::lights(self, &light, threads)
         };
         drop(cells);
-        levels::layer(self, frame, lights, TAIL_MARGIN_BINS, options.simd, threads)
+        levels::layer(self, kernels, frame, lights, TAIL_MARGIN_BINS, threads)
     }
 
     /// Bytes while the layer of a band of a chart of `chart` px is computed on `threads` threads.

@@ -4,14 +4,17 @@ use super::shared::SharedStages;
 use crate::failure::{Coded, code, usage};
 use crate::job::Job;
 use crate::job::stages::layers_of_array;
-use anyhow::Result;
+use crate::job::tails::TAILS;
+use anyhow::{Result, anyhow};
 use formats::chart::{ArrayChart, ArrayPixels, Chart};
+use pipeline::adjoint::{AdjointError, chart_of_film};
 use pipeline::band::BandStages;
 use pipeline::buffer::ShardPixels;
 use pipeline::executor::{BandWork, Work, run};
 use pipeline::flow::{FilmSink, SourceSinkError};
 use pipeline::geometry::{Rect, Size};
 use pipeline::stages::StageCompute;
+use pipeline::tails::TailKernels;
 use pipeline::tiling::{FilmRegion, ShardId};
 use std::sync::atomic::AtomicBool;
 use std::sync::{Arc, Mutex};
@@ -21,6 +24,7 @@ pub struct ArrayFilm {
     job: Job,
     stages: Vec<BandStages>,
     shared: Arc<SharedStages>,
+    tails: Vec<Option<Arc<TailKernels>>>,
 }
 
 impl ArrayFilm {
@@ -36,7 +40,13 @@ impl ArrayFilm {
             )));
         }
         job.lens.check_unchanged()?;
-        Ok(Self { stages: shared.stages(&job), job, shared })
+        let (stages, tails) = (shared.stages(&job), shared.tails(&job));
+        Ok(Self { stages, tails, job, shared })
+    }
+
+    /// Whether its kernels are those of `set`.
+    pub(super) fn shares(&self, set: &Arc<SharedStages>) -> bool {
+        Arc::ptr_eq(&self.shared, set)
     }
 
     /// Bands, rows and columns of its arrays.
@@ -98,14 +108,7 @@ impl ArrayFilm {
     /// # Panics
     /// The lengths are not those of as many arrays and films.
     pub fn compute(&self, arrays: &[f32], films: &mut [f32], cancel: &AtomicBool) -> Result<()> {
-        let of = |shape: [usize; 3]| shape.iter().product::<usize>();
-        let (of_array, of_film) = (of(self.chart_shape()), of(self.shape()));
-        let count = arrays.len() / of_array;
-        assert_eq!(
-            (arrays.len(), films.len()),
-            (count * of_array, count * of_film),
-            "whole arrays and films"
-        );
+        let count = self.count(arrays.len(), films.len());
         let job = &self.job;
         let bands = job.plans.len();
         let chart: ArrayPixels<'_> = self.chart().with_pixels(arrays);
@@ -129,17 +132,76 @@ impl ArrayFilm {
         };
         let prepare = |position: usize| {
             let band = position % bands;
-            let layers = layers_of_array(job, band, (&chart, position), cancel)?;
+            let layers = layers_of_array(job, band, (&chart, position), self.tails[band].as_deref(), cancel)?;
             Ok(BandStages { layers, ..self.stages[band].clone() })
         };
         let compute = StageCompute::with_spectra(job.frame, Arc::clone(&self.shared.spectra), &prepare);
         let film = InMemoryFilm { region: self.region().rect, pixels: Mutex::new(films) };
         let summary = run(&work, &chart, &film, &compute, &())?;
-        match summary.interrupted {
-            true => Err(Coded { code: code::INTERRUPTED, message: "interrupted".into() }.into()),
-            false => Ok(()),
-        }
+        if summary.interrupted { Err(interrupted()) } else { Ok(()) }
     }
+
+    /// The transpose of [`ArrayFilm::compute`]: from `films` to `arrays`. They are not complete when `cancel` ends the computation.
+    ///
+    /// # Errors
+    /// Usage: layers of stray light, which have no transpose. A value that is not finite; cancelled (exit code 130).
+    ///
+    /// # Panics
+    /// As there.
+    pub fn adjoint(&self, films: &[f32], arrays: &mut [f32], cancel: &AtomicBool) -> Result<()> {
+        let count = self.count(arrays.len(), films.len());
+        let job = &self.job;
+        if let Some(layer) = job.layers.iter().find(|layer| layer.stored().name != TAILS) {
+            return Err(usage(format!(
+                "adjoint: the layer `{}` has no transpose; leave out scatter, veiling glare and ghosts",
+                layer.stored().name
+            )));
+        }
+        if let Some(at) = films.iter().position(|value| !value.is_finite()) {
+            return Err(anyhow!(
+                "adjoint: {} at value {at} of the films, expected finite numbers",
+                films[at]
+            ));
+        }
+        let (bands, region) = (job.plans.len(), self.region().rect);
+        let mut whole = vec![0.0; job.frame.film.pixels()];
+        let of_film = films.chunks_exact(region.size().pixels());
+        let of_array = arrays.chunks_exact_mut(job.frame.chart.pixels());
+        for (position, (film, array)) in of_film.zip(of_array).enumerate().take(count * bands) {
+            let (plan, stages) = (&job.plans[position % bands], &self.stages[position % bands]);
+            let film = in_whole(film, region, job.frame.film, &mut whole);
+            let spectra = &self.shared.spectra;
+            match chart_of_film(&job.frame, plan, stages, spectra, film, array, job.threads, cancel) {
+                Err(AdjointError::Stopped) => return Err(interrupted()),
+                done => done?,
+            }
+        }
+        Ok(())
+    }
+
+    /// Number of arrays of `in_arrays` values, and of films of `in_films`.
+    fn count(&self, in_arrays: usize, in_films: usize) -> usize {
+        let of = |shape: [usize; 3]| shape.iter().product::<usize>();
+        let (of_array, of_film) = (of(self.chart_shape()), of(self.shape()));
+        let count = in_arrays / of_array;
+        assert_eq!((in_arrays, in_films), (count * of_array, count * of_film), "whole arrays and films");
+        count
+    }
+}
+
+fn interrupted() -> anyhow::Error {
+    Coded { code: code::INTERRUPTED, message: "interrupted".into() }.into()
+}
+
+/// `part`, the pixels of `region` of a film of `size`, in the film `whole`, which is 0 elsewhere.
+fn in_whole<'a>(part: &'a [f32], region: Rect, size: Size, whole: &'a mut [f32]) -> &'a [f32] {
+    if region == size.rect() {
+        return part;
+    }
+    for (y, row) in (region.y as usize..).zip(part.chunks_exact(region.width)) {
+        whole[y * size.width + region.x as usize..][..region.width].copy_from_slice(row);
+    }
+    whole
 }
 
 /// Films in memory, (position, row, column) of a region.
