@@ -180,6 +180,22 @@ import lenscube, xarray
 lenscube.chart("slanted-edge", "edge-cube.zarr", size=512, overscan=0, wavelengths=[450, 550, 650], pitch_um=5, overwrite=True)
 cube = xarray.open_zarr("edge-cube.zarr", consolidated=False).chart.load()
 """
+# What blocks of Python with a lens in the process use.
+PYTHON_LENS = """
+import numpy, scipy.sparse.linalg
+batch, points_mm = numpy.stack([cube.values, 1 - cube.values]), [[0.1, 0.2], [0.3, -0.4]]
+"""
+# What such a block uses of the block before it.
+PYTHON_FILM = """
+lens = lenscube.Lens("phone", wavelengths=[450, 550, 650], focus_m=1)
+film = lens.apply(cube, pitch_um=2)
+"""
+
+
+def python(text):
+    """A block of Python with what it needs before it."""
+    opens, uses = "lenscube.Lens(" in text, "lens." in text
+    return PYTHON + PYTHON_LENS * (opens or uses) + PYTHON_FILM * (uses and not opens) + text
 
 
 # What the commands of a page need before they begin; they make all else themselves.

@@ -3,11 +3,12 @@
     python3 try_documents.py LENSCUBE [PAGE…]
 
 The commands of a page run in its order in one new folder with the inputs of document_inputs.py, and must end with 0. `lenscube` is the program given, the
-package `lenscube` that of scripts/python. What cannot run is in NOT_RUN, with the reason, and is reported; a command with a placeholder in
+package `lenscube` that of scripts/python, with the native module beside the program. What cannot run is in NOT_RUN, with the reason, and is reported; a command with a placeholder in
 capitals is compared with the help. Files of the repository that a page names must exist.
 """
 import os
 import re
+import shutil
 import signal
 import subprocess
 import sys
@@ -50,9 +51,12 @@ class Documents:
         for name, text in (("lenscube", f'exec {program} "$@"'), ("python", f'exec {sys.executable} "$@"'), ("xdg-open", "true")):
             (programs / name).write_text(f"#!/bin/sh\n{text}\n")
             (programs / name).chmod(0o755)
+        package = place / "package"
+        shutil.copytree(ROOT / "scripts/python/lenscube", package / "lenscube")
+        shutil.copy(program.with_name("liblenscube_native.so"), package / "lenscube/_native.abi3.so")
         self.environment = os.environ | {
             "PATH": f"{programs}{os.pathsep}{os.environ['PATH']}", "LENSCUBE": str(program), "MPLBACKEND": "Agg", "PYTHONWARNINGS": "ignore",
-            "PYTHONPATH": os.pathsep.join(filter(None, [str(ROOT / "scripts/python"), os.environ.get("PYTHONPATH")])),
+            "PYTHONPATH": os.pathsep.join(filter(None, [str(package), os.environ.get("PYTHONPATH")])),
             "XDG_CACHE_HOME": str(place / "cache"), "PYTHONDONTWRITEBYTECODE": "1"}
 
     def report(self, state, where, text, detail=""):
@@ -78,7 +82,7 @@ class Documents:
             return self.not_run(where, text, NOT_RUN[reason])
         begin = time.monotonic()
         if command.kind == "python":
-            outcome = self.shell([sys.executable, "-c", document_inputs.PYTHON + text], place)
+            outcome = self.shell([sys.executable, "-c", document_inputs.python(text)], place)
         elif documents.is_synopsis(text):
             outcome = self.synopsis(text, place)
         elif documents.is_name(text) and text.split()[1] != "help":

@@ -1,9 +1,10 @@
-"""Executes example.ipynb and requires that every cell succeeds; `--write` keeps the outputs in the file.
+"""Executes example.ipynb and lens.ipynb and requires that every cell succeeds; `--write` keeps the outputs in the files.
 
     python notebook.py [--write]
 """
 
 import os
+import re
 import sys
 import warnings
 from pathlib import Path
@@ -16,18 +17,25 @@ HERE = Path(__file__).resolve().parent
 MAX_BYTES = 400_000
 
 
-def main() -> None:
-    warnings.simplefilter("ignore")
-    path = HERE / "example.ipynb"
+def check_example(shown: set[str], printed: str) -> None:
+    assert {"image/png", "text/html"} <= shown, f"the notebook shows {shown}"
+    assert "TypeError: run() has no keyword 'lense'; close: lens" in printed, printed
+
+
+def check_lens(shown: set[str], printed: str) -> None:
+    assert "image/png" in shown, f"the notebook shows {shown}"
+    (difference,) = re.findall(r"differ by (\S+)", printed)
+    assert float(difference) < 1e-6, printed
+    (film, restored), = re.findall(r"RMS error of the film (\S+), of the restored picture (\S+)", printed)
+    assert float(restored) < 0.5 * float(film), printed
+
+
+def execute(path: Path) -> tuple[set[str], str]:
+    """Executes a notebook; the types of what it shows, and what it prints."""
     notebook = nbformat.read(path, as_version=4)
-    # Pictures of a moderate size, and no remark on a lens that is traced or not.
-    os.environ["PYTHONWARNINGS"] = "ignore"
-    os.environ["MPLBACKEND"] = "module://matplotlib_inline.backend_inline"
     NotebookClient(notebook, timeout=300, kernel_name="python3", resources={"metadata": {"path": str(HERE)}}).execute()
     shown = {key for cell in notebook.cells for out in cell.get("outputs", []) for key in out.get("data", {})}
-    assert {"image/png", "text/html"} <= shown, f"the notebook shows {shown}"
     printed = "".join(out.get("text", "") for cell in notebook.cells for out in cell.get("outputs", []))
-    assert "TypeError: run() has no keyword 'lense'; close: lens" in printed, printed
     for cell in notebook.cells:
         cell.metadata.pop("execution", None)
     text = nbformat.writes(notebook) + "\n"
@@ -35,6 +43,16 @@ def main() -> None:
     if "--write" in sys.argv[1:]:
         path.write_text(text)
     print(f"{path.name}: {sum(c.cell_type == 'code' for c in notebook.cells)} cells, {len(text)} bytes")
+    return shown, printed
+
+
+def main() -> None:
+    warnings.simplefilter("ignore")
+    # Pictures of a moderate size, and no remark on a lens that is traced or not.
+    os.environ["PYTHONWARNINGS"] = "ignore"
+    os.environ["MPLBACKEND"] = "module://matplotlib_inline.backend_inline"
+    for name, check in (("example", check_example), ("lens", check_lens)):
+        check(*execute(HERE / f"{name}.ipynb"))
 
 
 if __name__ == "__main__":

@@ -121,6 +121,53 @@ def test_points_follow_the_film(phone):
     assert phone.relative_illumination([0.0, 1.0, 2.0])[0] == 1 and (numpy.diff(phone.relative_illumination([0.0, 1.0, 2.0])) < 0).all()
 
 
+@pytest.mark.parametrize("place", [{}, {"stages": "svpsf"}, {"stages": ["ri", "distortion"]}, {"center_mm": (1.1, 0.7)}, {"scale": 0.8, "roi": (8, 4, 60, 50)}])
+@pytest.mark.parametrize("flags", [{}, {"tails": "off"}, {"engine": "portable"}])
+def test_adjoint_is_the_transpose(place, flags):
+    numbers = numpy.random.default_rng(11)
+    with lenscube.Lens("phone", wavelengths=[450, 650], focus_m=1, **flags) as lens:
+        x = numbers.random((2, 90, 120), numpy.float32)
+        film = lens.apply(x, pitch_um=PITCH, **place)
+        y = numbers.standard_normal(film.shape, numpy.float32)
+        back = lens.adjoint(y, pitch_um=PITCH, chart_size=(90, 120), **place)
+        inner = [numpy.vdot(a.astype(float), b.astype(float)) for a, b in ((film, y), (x, back))]
+        assert abs(inner[0] - inner[1]) < 1e-6 * numpy.linalg.norm(film) * numpy.linalg.norm(y)
+
+
+def test_linear_operator_solves(phone):
+    from scipy.sparse.linalg import lsqr
+
+    chart = numpy.zeros((3, 60, 80), numpy.float32)
+    chart[:, 20:40, 30:50] = 1
+    operator = phone.linear_operator(chart.shape, pitch_um=PITCH)
+    film = operator @ chart.ravel()
+    numpy.testing.assert_array_equal(film.reshape(chart.shape), phone.apply(chart, pitch_um=PITCH))
+    solved = lsqr(operator, film, iter_lim=30)[0]
+    error = [numpy.linalg.norm(image - chart.ravel()) / numpy.linalg.norm(chart) for image in (film, solved)]
+    assert error[1] < 0.3 * error[0], error
+
+
+def test_torch_step_lowers_a_loss(phone):
+    torch = pytest.importorskip("torch")
+    import lenscube.torch
+
+    chart = torch.rand((3, 24, 32), generator=torch.Generator().manual_seed(1))
+    film = lenscube.torch.apply(phone, chart, pitch_um=PITCH)
+    guess = film.clone().requires_grad_()
+    losses = []
+    for _ in range(5):
+        loss = ((lenscube.torch.apply(phone, guess, pitch_um=PITCH) - film) ** 2).sum()
+        (gradient,) = torch.autograd.grad(loss, guess)
+        losses.append(float(loss))
+        # Beside the difference quotient along the gradient.
+        if len(losses) == 1:
+            step = 1e-2 * gradient / gradient.norm()
+            ahead, behind = (((lenscube.torch.apply(phone, guess + s * step, pitch_um=PITCH) - film) ** 2).sum() for s in (1, -1))
+            assert abs(float(ahead - behind) / 2e-2 / float(gradient.norm()) - 1) < 1e-3
+        guess = (guess - 0.3 * gradient).detach().requires_grad_()
+    assert losses[-1] < 0.5 * losses[0], losses
+
+
 def test_psf_is_the_film_of_a_point(phone):
     psf = phone.psf(1.0, -0.5, 550, pitch_um=1)
     assert 0.985 < psf.attrs["energy"] < 1 and psf.dims == ("y", "x")

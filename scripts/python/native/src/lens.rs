@@ -106,4 +106,15 @@ impl NativeFilm {
         let (arrays, films) = (arrays.as_slice()?, films.as_slice_mut()?);
         cancellable(py, |cancel| self.0.compute(arrays, films, cancel))
     }
+
+    /// The transpose of `compute`: from `films` to `arrays`.
+    fn adjoint(
+        &self,
+        py: Python<'_>,
+        films: PyReadonlyArray4<'_, f32>,
+        mut arrays: PyReadwriteArray4<'_, f32>,
+    ) -> PyResult<()> {
+        let (films, arrays) = (films.as_slice()?, arrays.as_slice_mut()?);
+        cancellable(py, |cancel| self.0.adjoint(films, arrays, cancel))
+    }
 }
