@@ -31,7 +31,7 @@ pub mod plan;
 mod remapped;
 
 pub use cells::ChartCells;
-pub use levels::TailKernels;
+pub use levels::{MAX_LEVELS, TailKernels};
 pub use plan::TailPlan;
 pub use remapped::TAIL_MARGIN_BINS;
 

@@ -115,7 +115,7 @@ impl JobLayer for JobTail {
         let kernels = match band.tail_kernels {
             Some(kernels) => kernels,
             None => {
-                own = TailKernels::new(tail, options.simd, false);
+                own = TailKernels::new(tail, options.simd);
                 &own
             }
         };

@@ -22,6 +22,7 @@ use crate::psf::blocks::Blocks;
 use crate::psf::grid::{Node, NodeGrid};
 use crate::psf::polar::BlockPlace;
 use crate::psf::simd::{Columns, Scratch};
+use crate::psf::spectra::SpectrumCache;
 use crate::psf::{BlockView, Spectra};
 use crate::real;
 use crate::simd::lanes::{Lanes, MAX_LANES};
@@ -77,14 +78,14 @@ pub(super) trait ConvolveLevels: Send + Sync {
     fn levels(&self, frame: &Frame, lights: Vec<Vec<f32>>, threads: usize) -> Vec<Vec<f32>>;
 }
 
-/// The kernels of `plan`. With `is_kept` spectra remain in memory after the first film, for further ones.
-pub(super) fn kernels(plan: &TailPlan, simd: Simd, is_kept: bool) -> Box<dyn ConvolveLevels> {
+/// The kernels of `plan`, whose spectra are kept in `cache` for further films, if there is one.
+pub(super) fn kernels(plan: &TailPlan, simd: Simd, cache: Option<KeptSpectra>) -> Box<dyn ConvolveLevels> {
     match simd.isa() {
         #[cfg(target_arch = "x86_64")]
-        Isa::Avx512 => Box::new(Engine::<Unfused<Avx512>>::new(plan, simd, is_kept)),
+        Isa::Avx512 => Box::new(Engine::<Unfused<Avx512>>::new(plan, simd, cache)),
         #[cfg(target_arch = "x86_64")]
-        Isa::Avx2 => Box::new(Engine::<Unfused<Avx2>>::new(plan, simd, is_kept)),
-        _ => Box::new(Engine::<Plain>::new(plan, simd, is_kept)),
+        Isa::Avx2 => Box::new(Engine::<Unfused<Avx2>>::new(plan, simd, cache)),
+        _ => Box::new(Engine::<Plain>::new(plan, simd, cache)),
     }
 }
 
@@ -95,38 +96,47 @@ struct Engine<V: Lanes> {
     harmonics: [Harmonics; 2],
     blocks: Blocks,
     columns: Columns<V>,
-    /// Spectra of the nodes at level 1, one of each power law.
-    of_terms: Vec<OnceLock<[AlignedBuf; TERMS]>>,
-    /// Spectra of the nodes of each level, if they are kept.
-    kept: Option<Vec<NodeSpectra>>,
+    cache: Option<KeptSpectra>,
 }
 
-/// Spectra of the nodes of a level, made when a block needs them.
-type NodeSpectra = Vec<OnceLock<Arc<AlignedBuf>>>;
+/// A cache of spectra, and what the first of the levels is called in it, which the others follow.
+pub(super) type KeptSpectra = (Arc<SpectrumCache>, usize);
+
+/// Spectra of the nodes at level 1, one of each power law, made when a level needs them.
+type TermSpectra = Vec<OnceLock<[AlignedBuf; TERMS]>>;
 
 /// Spectra of one level, for one thread.
 struct LevelSpectra<'a, V: Lanes> {
     engine: &'a Engine<V>,
     grid: &'a NodeGrid,
     level: usize,
+    terms: &'a TermSpectra,
+    /// Those of this level, if there is no cache.
     made: &'a [OnceLock<Arc<AlignedBuf>>],
     scratch: RefCell<Scratch>,
 }
 
 impl<V: Lanes> LevelSpectra<'_, V> {
+    /// The spectrum of `node`, in `buffer`.
+    fn of_node(&self, node: Node, buffer: AlignedBuf) -> AlignedBuf {
+        match self.level {
+            0 => self.spectrum(node, 0..TERMS, buffer),
+            _ => self.of_terms(node, buffer),
+        }
+    }
+
     /// The spectrum of the power laws `terms` of `node`, at level 0 or 1.
-    fn spectrum(&self, node: Node, terms: Range<usize>) -> AlignedBuf {
+    fn spectrum(&self, node: Node, terms: Range<usize>, buffer: AlignedBuf) -> AlignedBuf {
         let c = &self.engine.plan.coefficients[node.k];
         let kernel = self.engine.harmonics[self.level.min(1)].kernel(c, terms, self.grid.azimuth_rad(node));
-        self.engine.columns.spectrum(&kernel, &mut self.scratch.borrow_mut(), AlignedBuf::default())
+        self.engine.columns.spectrum(&kernel, &mut self.scratch.borrow_mut(), buffer)
     }
 
     /// The spectrum of `node` at a level from 1 on, from those of its power laws.
-    fn of_terms(&self, node: Node) -> AlignedBuf {
-        let parts = self.engine.of_terms[self.grid.id(node)]
-            .get_or_init(|| std::array::from_fn(|j| self.spectrum(node, j..j + 1)));
+    fn of_terms(&self, node: Node, mut sum: AlignedBuf) -> AlignedBuf {
+        let of_term = |j: usize| self.spectrum(node, j..j + 1, AlignedBuf::default());
+        let parts = self.terms[self.grid.id(node)].get_or_init(|| std::array::from_fn(of_term));
         let factors: [f32; TERMS] = std::array::from_fn(|j| TailPlan::factor(self.level, j) as f32);
-        let mut sum = AlignedBuf::default();
         sum.reset(parts[0].len());
         for (i, to) in sum.iter_mut().enumerate() {
             *to = factors[0] * parts[0][i] + factors[1] * parts[1][i];
@@ -137,46 +147,48 @@ impl<V: Lanes> LevelSpectra<'_, V> {
 
 impl<V: Lanes> Spectra for LevelSpectra<'_, V> {
     fn get(&self, node: Node) -> Arc<AlignedBuf> {
-        let made = self.made[self.grid.id(node)].get_or_init(|| {
-            Arc::new(match self.level {
-                0 => self.spectrum(node, 0..TERMS),
-                _ => self.of_terms(node),
-            })
-        });
-        Arc::clone(made)
+        let id = self.grid.id(node);
+        match &self.engine.cache {
+            Some((cache, first)) => {
+                let bytes = self.engine.blocks.spectrum_bytes();
+                cache.get((first + self.level, id), bytes, |buffer| self.of_node(node, buffer))
+            }
+            None => {
+                let made = || Arc::new(self.of_node(node, AlignedBuf::default()));
+                Arc::clone(self.made[id].get_or_init(made))
+            }
+        }
     }
 }
 
 impl<V: Lanes> Engine<V> {
-    fn new(plan: &TailPlan, simd: Simd, is_kept: bool) -> Self {
+    fn new(plan: &TailPlan, simd: Simd, cache: Option<KeptSpectra>) -> Self {
         let blocks = plan.blocks();
         // Rows of blocks then overlap their neighbours alone.
         assert!(blocks.block >= 2 * plan.half(), "{blocks:?}");
-        let of_level = |level: usize| unset(plan.grid(level).len());
         Self {
-            kept: is_kept.then(|| (0..plan.levels).map(of_level).collect()),
             plan: plan.clone(),
+            cache,
             harmonics: [0, 1].map(|level| Harmonics::new(plan, level)),
             columns: Columns::new(&blocks, simd),
             blocks,
-            of_terms: unset(plan.grid(1).len()),
         }
     }
 
     /// T_l ∗ `light` on the film's bins of `level` and [`OUT_MARGIN`] around.
-    fn convolve(&self, frame: &Frame, level: usize, light: &[f32], threads: usize) -> Vec<f32> {
+    fn convolve(
+        &self,
+        frame: &Frame,
+        level: usize,
+        terms: &TermSpectra,
+        light: &[f32],
+        threads: usize,
+    ) -> Vec<f32> {
         let plan = &self.plan;
         let bins = plan.bins(level);
         let (Size { height: rows, width: columns }, half) = (bins.size(), plan.half());
         let grid = plan.grid(level);
-        let own;
-        let made = match &self.kept {
-            Some(levels) => &levels[level],
-            None => {
-                own = unset(grid.len());
-                &own
-            }
-        };
+        let made = unset(if self.cache.is_some() { 0 } else { grid.len() });
         let stride = row_stride(columns, half);
         let sum = Mutex::new(crate::buffer::zeros(stride * (rows + 2 * half)));
         let done: Result<(), Infallible> = for_each_part(
@@ -184,7 +196,7 @@ impl<V: Lanes> Engine<V> {
             (0..rows).step_by(self.blocks.block),
             || {
                 let scratch = RefCell::new(self.columns.scratch());
-                let spectra = LevelSpectra { engine: self, grid: &grid, level, made, scratch };
+                let spectra = LevelSpectra { engine: self, grid: &grid, level, terms, made: &made, scratch };
                 (spectra, self.columns.scratch(), Vec::new())
             },
             |(spectra, scratch, out), top| {
@@ -227,7 +239,9 @@ impl<V: Lanes> Engine<V> {
 
 impl<V: Lanes> ConvolveLevels for Engine<V> {
     fn levels(&self, frame: &Frame, lights: Vec<Vec<f32>>, threads: usize) -> Vec<Vec<f32>> {
-        let of_level = |(level, light): (usize, Vec<f32>)| self.convolve(frame, level, &light, threads);
+        let terms = unset(self.plan.grid(1).len());
+        let of_level =
+            |(level, light): (usize, Vec<f32>)| self.convolve(frame, level, &terms, &light, threads);
         lights.into_iter().enumerate().map(of_level).collect()
     }
 }

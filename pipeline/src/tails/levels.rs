@@ -9,7 +9,9 @@ use super::plan::TailPlan;
 use super::{GROWTH, OUT_MARGIN, first_part, transposed};
 use crate::geometry::{Frame, Size};
 use crate::layer::{BinGrid, Taps};
+use crate::psf::spectra::SpectrumCache;
 use crate::simd::Simd;
+use std::sync::Arc;
 
 /// `light`, the remapped image, on the bins of each level.
 pub fn lights(plan: &TailPlan, light: &dyn Light, threads: usize) -> Vec<Vec<f32>> {
@@ -20,6 +22,9 @@ pub fn lights(plan: &TailPlan, light: &dyn Light, threads: usize) -> Vec<Vec<f32
     }
     lights
 }
+
+/// Levels of a film: their radii grow by [`GROWTH`], so that 32 exceed any diagonal.
+pub const MAX_LEVELS: usize = 32;
 
 /// The kernels of a band's tails, for films of the size and scale of its plan.
 pub struct TailKernels {
@@ -35,9 +40,16 @@ impl std::fmt::Debug for TailKernels {
 }
 
 impl TailKernels {
-    /// Those of `plan`. With `is_kept` their spectra remain in memory after the first film ([`TailPlan::kept_bytes`]).
-    pub fn new(plan: &TailPlan, simd: Simd, is_kept: bool) -> Self {
-        Self { rest: plan.rest(), convolve: kernels(plan, simd, is_kept) }
+    /// Those of `plan`, for one film.
+    pub fn new(plan: &TailPlan, simd: Simd) -> Self {
+        Self { rest: plan.rest(), convolve: kernels(plan, simd, None) }
+    }
+
+    /// As [`TailKernels::new`], for several films: their spectra are kept in `cache`, where the levels are bands from `first_id` on, at most [`MAX_LEVELS`].
+    pub fn kept(plan: &TailPlan, simd: Simd, cache: &Arc<SpectrumCache>, first_id: usize) -> Self {
+        assert!(plan.levels <= MAX_LEVELS, "{} levels", plan.levels);
+        let cache = Some((Arc::clone(cache), first_id));
+        Self { rest: plan.rest(), convolve: kernels(plan, simd, cache) }
     }
 }
 

@@ -202,12 +202,6 @@ impl TailPlan {
         self.light_bytes() + 4 * sums + spectra
     }
 
-    /// Bytes of the spectra that [`TailKernels`](super::TailKernels) keep, at most.
-    pub fn kept_bytes(&self) -> usize {
-        let nodes: usize = (0..self.levels).map(|level| self.grid(level).len()).sum();
-        (nodes + TERMS * self.grid(1).len()) * self.blocks().spectrum_bytes()
-    }
-
     /// Core seconds of the layer, about, without the reading of the light: 200 ns a bin of level 0.
     pub fn making_s(&self) -> f64 {
         200e-9 * self.bins(0).size().pixels() as f64

@@ -135,7 +135,7 @@ impl ArrayFilm {
             let layers = layers_of_array(job, band, (&chart, position), self.tails[band].as_deref(), cancel)?;
             Ok(BandStages { layers, ..self.stages[band].clone() })
         };
-        let compute = StageCompute::with_spectra(job.frame, Arc::clone(&self.shared.spectra), &prepare);
+        let compute = StageCompute::with_spectra(job.frame, Arc::clone(self.shared.spectra()), &prepare);
         let film = InMemoryFilm { region: self.region().rect, pixels: Mutex::new(films) };
         let summary = run(&work, &chart, &film, &compute, &())?;
         if summary.interrupted { Err(interrupted()) } else { Ok(()) }
@@ -170,7 +170,7 @@ impl ArrayFilm {
         for (position, (film, array)) in of_film.zip(of_array).enumerate().take(count * bands) {
             let (plan, stages) = (&job.plans[position % bands], &self.stages[position % bands]);
             let film = in_whole(film, region, job.frame.film, &mut whole);
-            let spectra = &self.shared.spectra;
+            let spectra = self.shared.spectra();
             match chart_of_film(&job.frame, plan, stages, spectra, film, array, job.threads, cancel) {
                 Err(AdjointError::Stopped) => return Err(interrupted()),
                 done => done?,

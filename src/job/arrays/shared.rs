@@ -6,27 +6,38 @@
 use crate::job::Job;
 use crate::job::stages;
 use anyhow::Result;
-use pipeline::band::{BandPlan, BandStages};
+use pipeline::band::BandStages;
 use pipeline::geometry::Size;
 use pipeline::psf::BandPsf;
 use pipeline::psf::spectra::SpectrumCache;
-use pipeline::tails::{TailKernels, TailPlan};
+use pipeline::tails::{MAX_LEVELS, TailKernels, TailPlan};
+use std::sync::atomic::{AtomicUsize, Ordering::Relaxed};
 use std::sync::{Arc, Mutex, OnceLock};
 
 /// Sizes and scales of films of which a set keeps the kernels of tails.
 const MAX_SIZES: usize = 2;
-/// Of the limit of memory, one part in so many is for the kernels of all sets and the spectra of their tails.
+/// Of the limit of memory, one part in so many is for the kernels of all sets.
 const KERNEL_PART: u64 = 4;
-/// Of that part, one in so many is for the spectra of the tails of a set on films of one size.
-const TAIL_PART: u64 = 4;
 
 /// Sets of kernels of a lens.
 #[derive(Default)]
 pub struct SharedSets {
     sets: Vec<Arc<SharedStages>>,
-    /// Sets so far.
-    made: usize,
-    spectra: OnceLock<Arc<SpectrumCache>>,
+    spectra: OnceLock<Spectra>,
+}
+
+/// Spectra of the kernels of all sets, and how many ids of bands are used in their cache.
+#[derive(Clone)]
+struct Spectra {
+    cache: Arc<SpectrumCache>,
+    ids: Arc<AtomicUsize>,
+}
+
+impl Spectra {
+    /// The first of `count` ids that are not used yet.
+    fn next_ids(&self, count: usize) -> usize {
+        self.ids.fetch_add(count, Relaxed)
+    }
 }
 
 /// PSF stages of the bands of a lens on films of one pitch.
@@ -36,8 +47,7 @@ pub struct SharedStages {
     psfs: Vec<Option<Arc<BandPsf>>>,
     /// Bytes of their kernels.
     kernel_bytes: u64,
-    /// Spectra of their kernels, and of those of other sets.
-    pub spectra: Arc<SpectrumCache>,
+    spectra: Spectra,
     /// Kernels of tails by size and scale of the film.
     tails: Mutex<Vec<SizedTails>>,
 }
@@ -46,7 +56,6 @@ pub struct SharedStages {
 struct SizedTails {
     film: Size,
     scale: (f64, f64),
-    bytes: u64,
     bands: Vec<Option<Arc<TailKernels>>>,
 }
 
@@ -77,13 +86,12 @@ impl SharedSets {
     }
 
     fn new_set(&mut self, job: &Job, key: String) -> Result<Arc<SharedStages>> {
-        let first_id = self.made * job.plans.len();
+        let new = || Spectra { cache: Arc::new(SpectrumCache::new(job.memory.spectra)), ids: Arc::default() };
+        let spectra = self.spectra.get_or_init(new).clone();
+        let first_id = spectra.next_ids(job.plans.len());
         let psf = |position: usize| Ok(stages::with_id(job, position, first_id + position)?.psf);
         let psfs = (0..job.plans.len()).map(psf).collect::<Result<Vec<_>>>()?;
-        self.made += 1;
-        let spectra = self.spectra.get_or_init(|| Arc::new(SpectrumCache::new(job.memory.spectra)));
         let kernel_bytes = job.plans.iter().map(|plan| plan.kernels_bytes() as u64).sum();
-        let spectra = Arc::clone(spectra);
         Ok(Arc::new(SharedStages { key, psfs, kernel_bytes, spectra, tails: Mutex::default() }))
     }
 
@@ -91,7 +99,7 @@ impl SharedSets {
     pub fn trim(&mut self, memory: u64) -> Vec<Arc<SharedStages>> {
         let mut forgotten = Vec::new();
         while self.sets.len() > 1
-            && self.sets.iter().map(|set| set.bytes()).sum::<u64>() > memory / KERNEL_PART
+            && self.sets.iter().map(|set| set.kernel_bytes).sum::<u64>() > memory / KERNEL_PART
         {
             forgotten.push(self.sets.remove(0));
         }
@@ -100,30 +108,27 @@ impl SharedSets {
 }
 
 impl SharedStages {
-    /// Bytes of its kernels and of the spectra of its tails.
-    fn bytes(&self) -> u64 {
-        let tails = self.tails.lock().expect("no panic while held");
-        self.kernel_bytes + tails.iter().map(|tails| tails.bytes).sum::<u64>()
+    /// Spectra of the kernels.
+    pub fn spectra(&self) -> &Arc<SpectrumCache> {
+        &self.spectra.cache
     }
 
-    /// The kernels of the tails of the bands of `job`, where they are small enough to be kept.
+    /// The kernels of the tails of the bands of `job`.
     pub fn tails(&self, job: &Job) -> Vec<Option<Arc<TailKernels>>> {
         let (film, scale) = (job.frame.film, job.frame.scale);
         let mut known = self.tails.lock().expect("no panic while held");
         if let Some(tails) = known.iter().find(|tails| tails.film == film && tails.scale == scale) {
             return tails.bands.clone();
         }
-        let plans = || job.plans.iter().filter_map(|plan| plan.tail.as_ref());
-        let needed = plans().map(TailPlan::kept_bytes).sum::<usize>() as u64;
-        let is_kept = needed <= job.memory.limit as u64 / KERNEL_PART / TAIL_PART;
-        let bytes = if is_kept { needed } else { 0 };
-        let kernels = |plan: &TailPlan| Arc::new(TailKernels::new(plan, job.options.simd, true));
-        let of_band = |plan: &BandPlan| plan.tail.as_ref().filter(|_| is_kept).map(kernels);
-        let bands: Vec<_> = job.plans.iter().map(of_band).collect();
+        let kernels = |plan: &TailPlan| {
+            let first_id = self.spectra.next_ids(MAX_LEVELS);
+            Arc::new(TailKernels::kept(plan, job.options.simd, &self.spectra.cache, first_id))
+        };
+        let bands: Vec<_> = job.plans.iter().map(|plan| plan.tail.as_ref().map(kernels)).collect();
         if known.len() == MAX_SIZES {
             known.remove(0);
         }
-        known.push(SizedTails { film, scale, bytes, bands: bands.clone() });
+        known.push(SizedTails { film, scale, bands: bands.clone() });
         bands
     }
 

@@ -48,7 +48,7 @@ impl<F: Fn(f64, f64) -> f64 + Sync> Light for Exact<F> {
 
 /// The layer of `light` with a margin of 2 bins.
 fn layer_of(plan: &TailPlan, frame: &Frame, light: &dyn Light, simd: Simd, threads: usize) -> Vec<f32> {
-    layer(plan, &TailKernels::new(plan, simd, false), frame, lights(plan, light, threads), 2, threads)
+    layer(plan, &TailKernels::new(plan, simd), frame, lights(plan, light, threads), 2, threads)
 }
 
 /// The layer at film pixel (y, x), from its values on bins with a margin of 2.
