@@ -2,7 +2,7 @@
 //!
 //! ```text
 //! film = A chart,       chart = Aᵀ film:    ⟨A x, y⟩ = ⟨x, Aᵀ y⟩  for every chart x and film y
-//! Aᵀ   = remapᵀ · PSFᵀ
+//! Aᵀ   = remapᵀ · PSFᵀ  [+ tailsᵀ]
 //! PSFᵀ    remapped(y, x) = Σ_node w_node(y, x) · Σ_{v, u} film(v, u) · kernel_node(v − y, u − x)      on the film grown by the margin; film 0 beyond its border
 //! remapᵀ  chart(i, j)    = Σ_(Y, X) gain · R(r) · Σ w(row − k) · w(column − l) · remapped(Y, X)       over the taps (k, l) that chart pixel (i, j) stands for
 //! ```
@@ -16,10 +16,13 @@
 //! The PSF's transpose ([`crate::psf`]) has one forward transform a block and one inverse transform a node, where the film has one forward transform a node and one inverse transform
 //! a block. The remap's transpose ([`crate::remap`]) scatters.
 //!
+//! Tails on the film ([`BandPlan::add_tail`]) are part of A, with the layer that [`crate::tails`] computes of the chart: their transpose goes through the same bins, kernels and
+//! cells in the opposite direction, each step the transpose of a step of theirs.
+//!
 //! The bits do not depend on the number of threads: each pixel of the remapped image is written once, and parts of the chart are added in the order of the parts
 //! (`in_order`). In memory: the film, the remapped image, the chart, and buffers of each thread.
 //!
-//! Left out: tails of PSFs; surfaces at several distances, which hide each other (not linear); layers of scatter, veiling glare and ghosts; GPUs; film pixels that [`StageCompute`](crate::stages::StageCompute)
+//! Left out: surfaces at several distances, which hide each other (not linear); layers of scatter, veiling glare and ghosts; GPUs; film pixels that [`StageCompute`](crate::stages::StageCompute)
 //! sets to 0 below 1e-30, where A is not linear.
 
 mod in_order;
@@ -31,6 +34,7 @@ use crate::parts::for_each_part;
 use crate::psf::kernel::on_demand::PsfReadError;
 use crate::psf::spectra::SpectrumCache;
 use crate::remap::{ChartPart, Remap, RemapScratch};
+use crate::tails::TailKernels;
 use in_order::InOrder;
 use remapped::remapped_of_film;
 use std::borrow::Cow;
@@ -43,9 +47,6 @@ pub enum AdjointError {
     /// Surfaces at several distances.
     #[error("the film of surfaces at several distances is not linear in the chart: it has no transpose")]
     Depth,
-    /// Tails on the film.
-    #[error("the transpose of the tails of PSFs is not implemented")]
-    Tail,
     /// Layers of scatter, veiling glare or ghosts.
     #[error(
         "the transpose of {count} layers of scatter, veiling glare or ghosts is not implemented: omit the stage `veil`"
@@ -72,8 +73,23 @@ pub enum AdjointError {
     Stopped,
 }
 
+/// What films of the same stages, and their transposes, share.
+#[derive(Clone, Copy, Debug)]
+pub struct Kept<'a> {
+    /// Spectra of kernels.
+    pub spectra: &'a SpectrumCache,
+    /// Kernels of tails; made anew without them.
+    pub tails: Option<&'a TailKernels>,
+}
+
+impl<'a> From<&'a SpectrumCache> for Kept<'a> {
+    fn from(spectra: &'a SpectrumCache) -> Self {
+        Self { spectra, tails: None }
+    }
+}
+
 /// Aᵀ of one band: the chart of `film`, row-major of the frame's film, into `chart`, row-major of the frame's chart, which is overwritten. `plan` is the band's plan, `stages` are
-/// what [`BandPlan::stages`] or [`BandPlan::stages_on_demand`] made of it, and `spectra` is a cache that films of the same stages may share. `cancel` stops it; the chart is then not complete.
+/// what [`BandPlan::stages`] or [`BandPlan::stages_on_demand`] made of it, and `kept` is a cache of spectra that films of the same stages may share, or with the kernels of tails ([`Kept`]). `cancel` stops it; the chart is then not complete.
 ///
 /// ```
 /// # use lenscube_pipeline::lens::{Lens, LensBand, LensError, PsfSample, PsfStack};
@@ -118,11 +134,11 @@ pub enum AdjointError {
 /// # Errors
 /// [`AdjointError`]: a depth stage, layers, arrays of other sizes, a PSF that cannot be read, cancelled.
 #[allow(clippy::too_many_arguments, reason = "as of the film: what is computed, and how")]
-pub fn chart_of_film(
+pub fn chart_of_film<'a>(
     frame: &Frame,
     plan: &BandPlan,
     stages: &BandStages,
-    spectra: &SpectrumCache,
+    kept: impl Into<Kept<'a>>,
     film: &[f32],
     chart: &mut [f32],
     threads: usize,
@@ -131,12 +147,10 @@ pub fn chart_of_film(
     if plan.depth.is_some() || stages.depth.is_some() {
         return Err(AdjointError::Depth);
     }
-    if plan.tail.is_some() {
-        return Err(AdjointError::Tail);
-    }
     if !stages.layers.is_empty() {
         return Err(AdjointError::Layers { count: stages.layers.len() });
     }
+    let Kept { spectra, tails } = kept.into();
     check_length("film", film.len(), frame.film)?;
     check_length("chart", chart.len(), frame.chart)?;
     chart.fill(0.0);
@@ -147,7 +161,20 @@ pub fn chart_of_film(
             (frame.film.rect().grown(psf.margin()), Cow::Owned(remapped))
         }
     };
-    add_remapped(&stages.remap, (rect, &remapped), chart, threads, cancel)
+    add_remapped(&stages.remap, (rect, &remapped), chart, threads, cancel)?;
+    if let Some(tail) = &plan.tail {
+        check_cancelled(cancel)?;
+        let own;
+        let kernels = match tails {
+            Some(kernels) => kernels,
+            None => {
+                own = TailKernels::new(tail, stages.remap.simd());
+                &own
+            }
+        };
+        tail.add_transposed(kernels, frame, &stages.remap, film, chart, threads);
+    }
+    Ok(())
 }
 
 fn check_length(array: &'static str, found: usize, size: Size) -> Result<(), AdjointError> {

@@ -12,9 +12,11 @@
 
 mod grid;
 mod taps;
+mod transposed;
 
 pub use grid::{BinGrid, MAX_BIN_PX};
 pub use taps::Taps;
+pub(crate) use transposed::coefficients_of_film;
 
 use crate::buffer::ShardPixels;
 use crate::geometry::Rect;

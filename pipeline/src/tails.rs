@@ -29,6 +29,7 @@ pub mod levels;
 pub mod light;
 pub mod plan;
 mod remapped;
+mod transpose;
 
 pub use cells::ChartCells;
 pub use levels::{MAX_LEVELS, TailKernels};

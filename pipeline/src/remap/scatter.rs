@@ -10,8 +10,6 @@
 mod points;
 
 #[cfg(target_arch = "x86_64")]
-use super::BandMap;
-#[cfg(target_arch = "x86_64")]
 use super::lanes::{FillAnchors, RadialAnchors};
 #[cfg(target_arch = "x86_64")]
 use super::map::Map;
@@ -21,9 +19,11 @@ use super::planar::PlanarChartMap;
 #[cfg(target_arch = "x86_64")]
 use super::planar::lanes::FillPlanarAnchors;
 use super::surround::add_with_surround;
-use super::{Remap, RemapScratch};
+use super::{BandMap, Remap, RemapScratch};
+use crate::field::Field;
 use crate::geometry::Rect;
-use crate::resample::{Interp, box_span, box_weights, cubic};
+use crate::resample::{Interp, Surround, box_span, box_weights, cubic};
+use crate::simd::Simd;
 #[cfg(target_arch = "x86_64")]
 use crate::simd::lanes::{Dispatch, Lanes};
 #[cfg(target_arch = "x86_64")]
@@ -49,6 +49,24 @@ impl ChartPart {
 }
 
 impl Remap {
+    /// The tables of the map of a lens with rotational symmetry.
+    pub(crate) fn field(&self) -> Option<&Field> {
+        match &self.band_map {
+            BandMap::Radial { field, .. } => Some(field),
+            BandMap::Planar(_) => None,
+        }
+    }
+
+    /// Values outside the chart.
+    pub(crate) fn surround(&self) -> Surround {
+        self.interpolation.surround
+    }
+
+    /// The instruction set.
+    pub(crate) fn simd(&self) -> Simd {
+        self.simd
+    }
+
     /// The parts of the remapped image on `rect` that are scattered one by one.
     pub(crate) fn parts(&self, rect: Rect) -> impl Iterator<Item = Rect> + use<> {
         let (rows, cols) = self.part_size();

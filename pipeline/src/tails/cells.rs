@@ -43,9 +43,9 @@ pub struct ChartCells {
 
 /// The chart pixels of a cell along an axis: the first, and the weight of each from there on.
 #[derive(Clone, Debug, Default)]
-struct CellWeights {
-    first: usize,
-    weights: Vec<f32>,
+pub(super) struct CellWeights {
+    pub(super) first: usize,
+    pub(super) weights: Vec<f32>,
 }
 
 impl CellWeights {
@@ -73,21 +73,21 @@ fn with_pixels(all: &[CellWeights], from: usize, to: usize) -> Range<usize> {
 
 /// Cells along one axis of the chart.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
-struct CellAxis {
+pub(super) struct CellAxis {
     /// Chart pixels.
-    pixels: usize,
+    pub(super) pixels: usize,
     /// Side of a cell, chart pixels.
     side: usize,
 }
 
 impl CellAxis {
     /// Cells, margin included.
-    fn cells(&self) -> usize {
+    pub(super) fn cells(&self) -> usize {
         self.pixels.div_ceil(self.side) + 2 * MARGIN
     }
 
     /// The chart pixels of each cell. Pixels that surroundings repeat have the weights of their copies too.
-    fn weights(&self, surround: Surround) -> Vec<CellWeights> {
+    pub(super) fn weights(&self, surround: Surround) -> Vec<CellWeights> {
         let reach = match surround {
             Surround::Black => 0,
             Surround::Edge | Surround::Mirror => (REACH * self.side) as i64,
@@ -133,7 +133,7 @@ impl CellAxis {
 
     /// First of the four cells around the chart coordinate `at`, margin included, and their weights.
     #[inline]
-    fn around(&self, at: f64, surround: Surround) -> (usize, [f64; 4]) {
+    pub(super) fn around(&self, at: f64, surround: Surround) -> (usize, [f64; 4]) {
         let n = self.pixels as f64;
         let at = match surround {
             Surround::Mirror if !(-0.5..=n - 0.5).contains(&at) => {
@@ -254,7 +254,7 @@ fn parts(v: f64) -> (i32, f32) {
     (integer.to_bits() as i32, (v - (integer - TO_INTEGER)) as f32)
 }
 
-fn axes(chart: Size, side: (usize, usize)) -> (CellAxis, CellAxis) {
+pub(super) fn axes(chart: Size, side: (usize, usize)) -> (CellAxis, CellAxis) {
     (CellAxis { pixels: chart.height, side: side.0 }, CellAxis { pixels: chart.width, side: side.1 })
 }
 

@@ -16,6 +16,7 @@ use super::levels::out_size;
 use super::plan::TailPlan;
 use crate::buffer::AlignedBuf;
 use crate::geometry::{Frame, Rect, Size};
+use crate::layer::BinGrid;
 use crate::lens::tail::{Coefficients, ORDERS, TERMS};
 use crate::parts::for_each_part;
 use crate::psf::blocks::Blocks;
@@ -76,6 +77,9 @@ impl Harmonics {
 pub(super) trait ConvolveLevels: Send + Sync {
     /// T_l ∗ `lights[l]` of all levels l, each on the film's bins of its level and [`OUT_MARGIN`] around.
     fn levels(&self, frame: &Frame, lights: Vec<Vec<f32>>, threads: usize) -> Vec<Vec<f32>>;
+
+    /// The transpose of [`ConvolveLevels::levels`]: the light of each level, of its result.
+    fn lights(&self, frame: &Frame, results: Vec<Vec<f32>>, threads: usize) -> Vec<Vec<f32>>;
 }
 
 /// The kernels of `plan`, whose spectra are kept in `cache` for further films, if there is one.
@@ -90,12 +94,12 @@ pub(super) fn kernels(plan: &TailPlan, simd: Simd, cache: Option<KeptSpectra>) -
 }
 
 /// The engine of a band's tails.
-struct Engine<V: Lanes> {
-    plan: TailPlan,
+pub(super) struct Engine<V: Lanes> {
+    pub(super) plan: TailPlan,
     /// Of levels 0 and 1.
     harmonics: [Harmonics; 2],
-    blocks: Blocks,
-    columns: Columns<V>,
+    pub(super) blocks: Blocks,
+    pub(super) columns: Columns<V>,
     cache: Option<KeptSpectra>,
 }
 
@@ -103,17 +107,17 @@ struct Engine<V: Lanes> {
 pub(super) type KeptSpectra = (Arc<SpectrumCache>, usize);
 
 /// Spectra of the nodes at level 1, one of each power law, made when a level needs them.
-type TermSpectra = Vec<OnceLock<[AlignedBuf; TERMS]>>;
+pub(super) type TermSpectra = Vec<OnceLock<[AlignedBuf; TERMS]>>;
 
 /// Spectra of one level, for one thread.
-struct LevelSpectra<'a, V: Lanes> {
-    engine: &'a Engine<V>,
-    grid: &'a NodeGrid,
-    level: usize,
-    terms: &'a TermSpectra,
+pub(super) struct LevelSpectra<'a, V: Lanes> {
+    pub(super) engine: &'a Engine<V>,
+    pub(super) grid: &'a NodeGrid,
+    pub(super) level: usize,
+    pub(super) terms: &'a TermSpectra,
     /// Those of this level, if there is no cache.
-    made: &'a [OnceLock<Arc<AlignedBuf>>],
-    scratch: RefCell<Scratch>,
+    pub(super) made: &'a [OnceLock<Arc<AlignedBuf>>],
+    pub(super) scratch: RefCell<Scratch>,
 }
 
 impl<V: Lanes> LevelSpectra<'_, V> {
@@ -162,7 +166,7 @@ impl<V: Lanes> Spectra for LevelSpectra<'_, V> {
 }
 
 impl<V: Lanes> Engine<V> {
-    fn new(plan: &TailPlan, simd: Simd, cache: Option<KeptSpectra>) -> Self {
+    pub(super) fn new(plan: &TailPlan, simd: Simd, cache: Option<KeptSpectra>) -> Self {
         let blocks = plan.blocks();
         // Rows of blocks then overlap their neighbours alone.
         assert!(blocks.block >= 2 * plan.half(), "{blocks:?}");
@@ -176,6 +180,11 @@ impl<V: Lanes> Engine<V> {
     }
 
     /// T_l ∗ `light` on the film's bins of `level` and [`OUT_MARGIN`] around.
+    /// Whether spectra are kept in a cache.
+    pub(super) fn has_cache(&self) -> bool {
+        self.cache.is_some()
+    }
+
     fn convolve(
         &self,
         frame: &Frame,
@@ -188,7 +197,7 @@ impl<V: Lanes> Engine<V> {
         let bins = plan.bins(level);
         let (Size { height: rows, width: columns }, half) = (bins.size(), plan.half());
         let grid = plan.grid(level);
-        let made = unset(if self.cache.is_some() { 0 } else { grid.len() });
+        let made = unset(if self.has_cache() { 0 } else { grid.len() });
         let stride = row_stride(columns, half);
         let sum = Mutex::new(crate::buffer::zeros(stride * (rows + 2 * half)));
         let done: Result<(), Infallible> = for_each_part(
@@ -211,14 +220,7 @@ impl<V: Lanes> Engine<V> {
                     if lines.clone().all(|row| row[x..x + block.width].iter().all(|v| *v == 0.0)) {
                         continue;
                     }
-                    // Bins from the axis.
-                    let axis = |px: f64| (px + 0.5) / bins.bin_px as f64 - 0.5;
-                    let place = BlockPlace {
-                        dy_px: (block.y - bins.margin as i64) as f64 - axis(frame.axis_px.0),
-                        dx_px: (block.x - bins.margin as i64) as f64 - axis(frame.axis_px.1),
-                        rows: block.height,
-                        cols: block.width,
-                    };
+                    let place = place(frame, &bins, block);
                     let view = BlockView { pixels: &light[top * columns + x..], stride: columns, place };
                     self.columns.scatter(&view, &grid, spectra, &mut out[x..], stride, scratch);
                 }
@@ -244,6 +246,24 @@ impl<V: Lanes> ConvolveLevels for Engine<V> {
             |(level, light): (usize, Vec<f32>)| self.convolve(frame, level, &terms, &light, threads);
         lights.into_iter().enumerate().map(of_level).collect()
     }
+
+    fn lights(&self, frame: &Frame, results: Vec<Vec<f32>>, threads: usize) -> Vec<Vec<f32>> {
+        let terms = unset(self.plan.grid(1).len());
+        let of_level =
+            |(level, result): (usize, Vec<f32>)| self.correlate(frame, level, &terms, &result, threads);
+        results.into_iter().enumerate().map(of_level).collect()
+    }
+}
+
+/// A block of `bins`, in bins from the axis.
+pub(super) fn place(frame: &Frame, bins: &BinGrid, block: Rect) -> BlockPlace {
+    let axis = |px: f64| (px + 0.5) / bins.bin_px as f64 - 0.5;
+    BlockPlace {
+        dy_px: (block.y - bins.margin as i64) as f64 - axis(frame.axis_px.0),
+        dx_px: (block.x - bins.margin as i64) as f64 - axis(frame.axis_px.1),
+        rows: block.height,
+        cols: block.width,
+    }
 }
 
 /// Values of a row of the sum of a level of `columns` bins and kernels of `half` bins a side: its results, and what an engine adds beyond.
@@ -251,6 +271,6 @@ pub(super) fn row_stride(columns: usize, half: usize) -> usize {
     columns + 2 * half + MAX_LANES
 }
 
-fn unset<T>(count: usize) -> Vec<OnceLock<T>> {
+pub(super) fn unset<T>(count: usize) -> Vec<OnceLock<T>> {
     std::iter::repeat_with(OnceLock::new).take(count).collect()
 }

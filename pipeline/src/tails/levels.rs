@@ -29,8 +29,8 @@ pub const MAX_LEVELS: usize = 32;
 /// The kernels of a band's tails, for films of the size and scale of its plan.
 pub struct TailKernels {
     /// Share of the light beyond the last level.
-    rest: f64,
-    convolve: Box<dyn ConvolveLevels>,
+    pub(super) rest: f64,
+    pub(super) convolve: Box<dyn ConvolveLevels>,
 }
 
 impl std::fmt::Debug for TailKernels {
@@ -91,13 +91,7 @@ fn coarser(light: &dyn Light, (fine, values): (&BinGrid, &[f32]), coarse: &BinGr
     let taps = transposed::<COARSE_TAPS>();
     let Size { width: columns, .. } = coarse.size();
     let Size { height: fine_rows, width: fine_columns } = fine.size();
-    // First fine bin that a coarse one reads, if it reads only bins that there are.
-    let first = |index: usize, count: usize| -> Option<usize> {
-        let bin = index as i64 - coarse.margin as i64;
-        let at = bin * GROWTH as i64 + first_part(COARSE_TAPS) + fine.margin as i64;
-        let at = usize::try_from(at).ok()?;
-        (at + taps.len() <= count).then_some(at)
-    };
+    let first = |index: usize, count: usize| first_fine((coarse, fine), index, count);
     // Columns of bins whose fine bins are there, and the first of these of each.
     let has = |column: &usize| first(*column, fine_columns).is_some();
     let inner = (0..columns).find(has).unwrap_or(columns);
@@ -128,24 +122,33 @@ fn coarser(light: &dyn Light, (fine, values): (&BinGrid, &[f32]), coarse: &BinGr
     out
 }
 
+/// First of the `count` fine bins along an axis that the `index`-th coarse one reads, if it reads only bins that there are.
+pub(super) fn first_fine((coarse, fine): (&BinGrid, &BinGrid), index: usize, count: usize) -> Option<usize> {
+    let bin = index as i64 - coarse.margin as i64;
+    let at = bin * GROWTH as i64 + first_part(COARSE_TAPS) + fine.margin as i64;
+    let at = usize::try_from(at).ok()?;
+    (at + COARSE_TAPS <= count).then_some(at)
+}
+
 /// Fine bins that a coarse one reads.
-const COARSE_TAPS: usize = 4 * GROWTH;
+pub(super) const COARSE_TAPS: usize = 4 * GROWTH;
+
+/// First of the four coarse values of the `index`-th fine bin of a result, and their weights.
+pub(super) fn coarse_taps(index: usize) -> (usize, [f64; 4]) {
+    let bin = index as f64 - OUT_MARGIN as f64;
+    let u = (bin + 0.5) / GROWTH as f64 - 0.5;
+    let cell = u.floor();
+    ((cell as i64 - 1 + OUT_MARGIN as i64) as usize, Taps::Lagrange.weights(u - cell))
+}
 
 /// `finer` + U `coarse`, results on their grids.
 fn add_interpolated(coarse_bins: &BinGrid, coarse: &[f32], fine_bins: &BinGrid, finer: Vec<f32>) -> Vec<f32> {
     let coarse_columns = out_size(coarse_bins).width;
     let Size { height: rows, width: columns } = out_size(fine_bins);
-    // First of the four coarse values of a fine bin, and their weights.
-    let at = |index: usize| {
-        let bin = index as f64 - OUT_MARGIN as f64;
-        let u = (bin + 0.5) / GROWTH as f64 - 0.5;
-        let cell = u.floor();
-        ((cell as i64 - 1 + OUT_MARGIN as i64) as usize, Taps::Lagrange.weights(u - cell))
-    };
-    let across: Vec<(usize, [f64; 4])> = (0..columns).map(at).collect();
+    let across: Vec<(usize, [f64; 4])> = (0..columns).map(coarse_taps).collect();
     let mut out = finer;
     for (row, to) in out.chunks_exact_mut(columns).enumerate().take(rows) {
-        let (top, down) = at(row);
+        let (top, down) = coarse_taps(row);
         let line: Vec<f64> = (0..coarse_columns)
             .map(|x| (0..4).map(|i| down[i] * f64::from(coarse[(top + i) * coarse_columns + x])).sum())
             .collect();

@@ -17,8 +17,8 @@ use std::convert::Infallible;
 /// Samples of a bin along each axis.
 pub(super) const SAMPLES: usize = 2;
 /// Samples that a bin reads: from FIRST + 2k on, along each axis.
-const TAPS: usize = 4 * SAMPLES;
-const FIRST: i64 = first_part(TAPS);
+pub(super) const TAPS: usize = 4 * SAMPLES;
+pub(super) const FIRST: i64 = first_part(TAPS);
 
 /// Light at places of the film, pixel centres at integers.
 pub trait Light: Sync {
@@ -101,12 +101,17 @@ impl Scratch {
     }
 }
 
+/// Places of a bin along each axis of [`of_row`].
+pub(super) const PLACES: usize = 4;
+
+/// Film coordinate, along an axis, of place `part` of the `index`-th bin of [`of_row`].
+pub(super) fn of_row_place(bins: &BinGrid, index: usize, part: usize) -> f64 {
+    (index as f64 - bins.margin as f64 + (part as f64 + 0.5) / PLACES as f64) * bins.bin_px as f64 - 0.5
+}
+
 /// Mean of the light over the bins of columns `first` on of a row of bins, from 4 × 4 places of each: of surroundings that no finer bins reach.
 pub(super) fn of_row(light: &dyn Light, bins: &BinGrid, row: usize, first: usize, out: &mut [f32]) {
-    const PLACES: usize = 4;
-    let place = |index: usize, part: usize| {
-        (index as f64 - bins.margin as f64 + (part as f64 + 0.5) / PLACES as f64) * bins.bin_px as f64 - 0.5
-    };
+    let place = |index, part| of_row_place(bins, index, part);
     let mut samples = vec![0f32; PLACES * out.len()];
     let mut sums = vec![0f64; out.len()];
     for part in 0..PLACES {

@@ -29,24 +29,43 @@ struct RemappedLight<'a> {
 
 impl Light for RemappedLight<'_> {
     fn along(&self, y: f64, x: f64, step: f64, out: &mut [f32]) {
-        let at = |i: usize| {
-            let (row, column, gain) = self.map.at_place(y, x + i as f64 * step);
-            [row, column, gain]
-        };
-        const HALF: usize = MAX_LANES / 2;
-        let mut start = at(0);
-        for (k, out) in out.chunks_mut(MAX_LANES).enumerate() {
-            let (middle, end) = (at(k * MAX_LANES + HALF), at((k + 1) * MAX_LANES));
-            // Parabolas through three places.
-            let half = HALF as f64;
-            let curvature: [f64; 3] =
-                std::array::from_fn(|c| (start[c] - 2.0 * middle[c] + end[c]) / (2.0 * half * half));
-            let slope = std::array::from_fn(|c| (middle[c] - start[c]) / half - half * curvature[c]);
+        let places = (y, x, step);
+        curves_along(&self.map, places, out.len(), |first, curve| {
             let mut values = [0.0; MAX_LANES];
-            self.cells.along([start, slope, curvature], self.simd, &mut values);
-            out.copy_from_slice(&values[..out.len()]);
-            start = end;
-        }
+            self.cells.along(curve, self.simd, &mut values);
+            let out = &mut out[first..];
+            let count = out.len().min(MAX_LANES);
+            out[..count].copy_from_slice(&values[..count]);
+        });
+    }
+}
+
+/// Chart coordinates and gain as polynomials of a place: coefficients of row, column and gain.
+pub(super) type Curve = [[f64; 3]; 3];
+
+/// Passes the curves of `count` places of row `y`, `step` film pixels apart from `x` on, to `each`: the first place of each, of [`MAX_LANES`].
+#[inline]
+pub(super) fn curves_along(
+    map: &Map<'_>,
+    (y, x, step): (f64, f64, f64),
+    count: usize,
+    mut each: impl FnMut(usize, Curve),
+) {
+    let at = |i: usize| {
+        let (row, column, gain) = map.at_place(y, x + i as f64 * step);
+        [row, column, gain]
+    };
+    const HALF: usize = MAX_LANES / 2;
+    let mut start = at(0);
+    for first in (0..count).step_by(MAX_LANES) {
+        let (middle, end) = (at(first + HALF), at(first + MAX_LANES));
+        // Parabolas through three places.
+        let half = HALF as f64;
+        let curvature: [f64; 3] =
+            std::array::from_fn(|c| (start[c] - 2.0 * middle[c] + end[c]) / (2.0 * half * half));
+        let slope = std::array::from_fn(|c| (middle[c] - start[c]) / half - half * curvature[c]);
+        each(first, [start, slope, curvature]);
+        start = end;
     }
 }
 

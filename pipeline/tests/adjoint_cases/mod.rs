@@ -14,11 +14,13 @@ use lenscube_pipeline::stage::{Stage, Stages};
 use problem::{Lenses, Problem};
 
 /// All of them.
-pub const CHECKS: [(&str, Check); 8] = [
+pub const CHECKS: [(&str, Check); 10] = [
     ("transpose_of_the_remap_stage", transpose_of_the_remap_stage),
     ("transpose_of_the_psf_stage", transpose_of_the_psf_stage),
     ("transpose_of_all_stages", transpose_of_all_stages),
     ("transpose_without_rotational_symmetry", transpose_without_rotational_symmetry),
+    ("transpose_of_tails", transpose_of_tails),
+    ("transpose_of_tails_entry_by_entry", transpose_of_tails_entry_by_entry),
     ("transpose_of_a_double_gauss", transpose_of_a_double_gauss),
     ("transpose_entry_by_entry", transpose_entry_by_entry),
     ("transpose_has_the_same_bits_for_threads_and_caches", same_bits_for_threads_and_caches),
@@ -168,6 +170,37 @@ fn transpose_of_a_double_gauss(simd: Simd) {
     let frame = Frame { axis_px: (80.0, 30.5), scale: (1.2, 1.0), ..Frame::centred(film, chart, 2.0) };
     let problem = Problem::new(Lenses { lens, stack: stacks.remove(0) }, frame, ALL, simd);
     check_dot_products(&problem, &mut Noise(59), "double Gauss");
+}
+
+/// Bins of 2 and 8 px, one level and several.
+fn transpose_of_tails(simd: Simd) {
+    let mut noise = Noise(73);
+    for (film, chart, scale, window, surround) in [
+        (Size::new(130, 171), Size::new(140, 150), (1.0, 1.1), 11, Surround::Edge),
+        (Size::new(130, 171), Size::new(140, 150), (0.9, 1.0), 11, Surround::Mirror),
+        (Size::new(530, 400), Size::new(500, 420), (1.0, 1.0), 41, Surround::Black),
+        (Size::new(40, 30), Size::new(50, 20), (1.0, 1.5), 41, Surround::Edge),
+    ] {
+        let frame = frame(&mut noise, film, chart, scale);
+        let mut problem = Problem::new(Lenses::with_tails(&mut noise, &frame, window), frame, ALL, simd);
+        problem.options.interpolation.surround = surround;
+        (problem.gain, problem.tails) = (2.5, true);
+        check_dot_products(&problem, &mut noise, &format!("film {film}, window {window}, {surround:?}"));
+    }
+    let size = Size::new(130, 171);
+    let frame = frame(&mut noise, size, size, (1.0, 1.0));
+    let mut problem = Problem::new(Lenses::with_tails(&mut noise, &frame, 11), frame, ALL, simd);
+    problem.tails = true;
+    let y: Vec<f32> = (0..size.pixels()).map(|_| noise.between(-1.0, 1.0) as f32).collect();
+    assert_eq!(problem.chart(&y, 1), problem.chart(&y, 3));
+}
+
+fn transpose_of_tails_entry_by_entry(simd: Simd) {
+    let mut noise = Noise(79);
+    let frame = Frame { axis_px: (3.0, 4.5), ..Frame::centred(Size::new(6, 7), Size::new(5, 4), 2.0) };
+    let mut problem = Problem::new(Lenses::with_tails(&mut noise, &frame, 11), frame, ALL, simd);
+    problem.tails = true;
+    check_entries(&problem);
 }
 
 /// Each column of A by a film of one chart pixel, each row of Aᵀ by the transpose of one film pixel: within 1e-6 of the largest entry.

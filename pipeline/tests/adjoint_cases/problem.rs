@@ -8,12 +8,15 @@ use lenscube_pipeline::executor::{BandWork, Work, run};
 use lenscube_pipeline::field::Outside;
 use lenscube_pipeline::flow::{ChartSource, FilmSink, SourceSinkError};
 use lenscube_pipeline::geometry::{Frame, Rect, Size};
+use lenscube_pipeline::layer::{BinGrid, Layer, Taps};
 use lenscube_pipeline::lens::planar::{PlanarMap, PsfPlaces};
+use lenscube_pipeline::lens::tail::{BandTail, ORDERS, TERMS};
 use lenscube_pipeline::lens::{Lens, LensBand, LensError, PsfSample, PsfStack};
 use lenscube_pipeline::psf::spectra::SpectrumCache;
 use lenscube_pipeline::simd::Simd;
 use lenscube_pipeline::stage::Stages;
 use lenscube_pipeline::stages::StageCompute;
+use lenscube_pipeline::tails::{ChartCells, TAIL_MARGIN_BINS};
 use lenscube_pipeline::tiling::{FilmRegion, ShardId};
 use std::sync::atomic::AtomicBool;
 use std::sync::{Arc, Mutex};
@@ -31,6 +34,8 @@ pub struct Problem {
     pub stack: PsfStack,
     pub options: Options,
     pub gain: f64,
+    /// Whether the film has the tails of the PSFs.
+    pub tails: bool,
     /// Whether PSFs are read on demand.
     pub on_demand: bool,
     pub spectra_bytes: usize,
@@ -61,6 +66,24 @@ impl Lenses {
             ..oracle::lens_band(real, 1.0, noise.between(-0.05, 0.05))
         };
         Self { lens: oracle::lens("random", vec![band]), stack: random_stack(noise, n, 5) }
+    }
+
+    /// As [`Lenses::random`], with tails beyond windows of `n` px that hold most of the light.
+    pub fn with_tails(noise: &mut Noise, frame: &Frame, n: usize) -> Self {
+        let mut lenses = Self::random(noise, frame, n);
+        let band = &mut lenses.lens.bands[0];
+        let inner_mm = (n / 2) as f64 * frame.pitch_mm();
+        let coefficients = (0..5).map(|k| {
+            let mut c = [[0.0; TERMS]; ORDERS];
+            c[0] = [5e-4 * (1.0 + 0.1 * f64::from(k)), 1e-4 * inner_mm.powi(2)];
+            c[1] = [2e-5 * f64::from(k), 0.0];
+            c[2] = [-3e-5, 1e-5 * inner_mm.powi(2)].map(|v| v * f64::from(k));
+            c
+        });
+        let (height_mm, coefficients) = (band.psf_height_mm.clone(), coefficients.collect());
+        band.tail = Some(BandTail { inner_mm, height_mm, coefficients });
+        band.psf_energy = vec![0.9; 5];
+        lenses
     }
 
     /// With PSFs of several azimuths a height.
@@ -140,11 +163,36 @@ impl Problem {
     pub fn new(Lenses { lens, stack }: Lenses, frame: Frame, stages: Stages, simd: Simd) -> Self {
         let mut options = oracle::options(stages, simd);
         options.interpolation.outside = Outside::Clamp;
-        Self { frame, lens, stack, options, gain: 1.0, on_demand: false, spectra_bytes: 64 << 20 }
+        Self {
+            frame,
+            lens,
+            stack,
+            options,
+            gain: 1.0,
+            tails: false,
+            on_demand: false,
+            spectra_bytes: 64 << 20,
+        }
     }
 
     pub fn plan(&self) -> BandPlan {
-        BandPlan::new(&self.frame, &self.lens, 550.0, &self.options).unwrap()
+        let mut plan = BandPlan::new(&self.frame, &self.lens, 550.0, &self.options).unwrap();
+        if self.tails {
+            plan.add_tail(&self.frame, &self.options);
+            assert!(plan.tail.is_some());
+        }
+        plan
+    }
+
+    /// The layer of the tails on the film of `chart`.
+    fn tail_layer(&self, plan: &BandPlan, chart: &Chart<'_>) -> Option<Layer> {
+        let (tail, frame, options) = (plan.tail.as_ref()?, &self.frame, &self.options);
+        let (sides, surround) = (tail.cells_px(frame), options.interpolation.surround);
+        let cancel = AtomicBool::new(false);
+        let cells = ChartCells::read((chart, 0), sides, surround, options.simd, 2, &cancel).unwrap();
+        let values = tail.layer(frame, &plan.lens, options, self.gain, cells, 2);
+        let bins = BinGrid::new(frame.film, tail.bin_px(), TAIL_MARGIN_BINS);
+        Some(Layer::new(bins, Taps::Lagrange, values))
     }
 
     fn stages(&self, plan: &BandPlan) -> BandStages {
@@ -174,10 +222,12 @@ impl Problem {
             gpus: &[],
             cancel: &cancel,
         };
-        let prepare = |_| Ok(self.stages(&plan));
+        let chart = Chart(self.frame.chart, chart);
+        let tail = self.tail_layer(&plan, &chart);
+        let prepare = |_| Ok(BandStages { layers: tail.clone().into_iter().collect(), ..self.stages(&plan) });
         let film = Film(Mutex::default());
         let compute = StageCompute::new(self.frame, self.spectra_bytes, &prepare);
-        run(&work, &Chart(self.frame.chart, chart), &film, &compute, &()).unwrap();
+        run(&work, &chart, &film, &compute, &()).unwrap();
         film.0.into_inner().unwrap()
     }
 

@@ -7,7 +7,7 @@ use crate::job::stages::layers_of_array;
 use crate::job::tails::TAILS;
 use anyhow::{Result, anyhow};
 use formats::chart::{ArrayChart, ArrayPixels, Chart};
-use pipeline::adjoint::{AdjointError, chart_of_film};
+use pipeline::adjoint::{AdjointError, Kept, chart_of_film};
 use pipeline::band::BandStages;
 use pipeline::buffer::ShardPixels;
 use pipeline::executor::{BandWork, Work, run};
@@ -170,8 +170,9 @@ impl ArrayFilm {
         for (position, (film, array)) in of_film.zip(of_array).enumerate().take(count * bands) {
             let (plan, stages) = (&job.plans[position % bands], &self.stages[position % bands]);
             let film = in_whole(film, region, job.frame.film, &mut whole);
-            let spectra = self.shared.spectra();
-            match chart_of_film(&job.frame, plan, stages, spectra, film, array, job.threads, cancel) {
+            let tails = self.tails[position % bands].as_deref();
+            let kept = Kept { spectra: self.shared.spectra(), tails };
+            match chart_of_film(&job.frame, plan, stages, kept, film, array, job.threads, cancel) {
                 Err(AdjointError::Stopped) => return Err(interrupted()),
                 done => done?,
             }
