@@ -8,13 +8,12 @@
 //! ```
 //! A is the linear map of [`StageCompute`](crate::stages::StageCompute): for a solver, or for derivatives of a function of the film by the chart's pixels.
 //!
-//! Conventions: film and chart row-major, in f32, of the sizes of the [`Frame`]; values of the film are derivatives by film pixels and those of the chart derivatives by
-//! chart pixels, no pixel has an area. Weights, kernels, chart coordinates and gains are those of the film, on the same engine; sums differ in their order alone. So
-//! |⟨A x, y⟩ − ⟨x, Aᵀ y⟩| is below 1e-6 |A x| |y|, the rounding of the transforms. A chart pixel that the surroundings repeat has the light of all its copies; black surroundings
-//! have none.
+//! Conventions: film and chart row-major, in f32, of the sizes of the [`Frame`]. Weights, kernels, chart coordinates and gains are those of the film on the same engine; only the order
+//! of sums differs, so |⟨A x, y⟩ − ⟨x, Aᵀ y⟩| ≤ 1e-6 |A x| |y|, by the rounding of the transforms (about 1e-7). A chart pixel that its surroundings repeat has the sum of all its
+//! copies; black surroundings have none.
 //!
 //! The PSF's transpose ([`crate::psf`]) has one forward transform a block and one inverse transform a node, where the film has one forward transform a node and one inverse transform
-//! a block. The remap's transpose ([`crate::remap`]) scatters.
+//! a block, and takes as long with SIMD; portable up to 1.8 times as long, near the axis. The remap's transpose ([`crate::remap`]) scatters.
 //!
 //! Tails on the film ([`BandPlan::add_tail`]) are part of A, with the layer that [`crate::tails`] computes of the chart: their transpose goes through the same bins, kernels and
 //! cells in the opposite direction, each step the transpose of a step of theirs.

@@ -13,6 +13,7 @@
 //! kernel ([`kernel`], [`spectra`]), accumulate; per block one inverse FFT, overlap-add. [`portable`] does this with library
 //! transforms, the SIMD engines with transforms of their own; the plain sum is in `tests/oracle`.
 //! The remapped image extends half a window beyond the film on every side, so the film is exact up to its border.
+//! The transpose, which gathers, is in `gather`.
 //! A uniform remapped image R gives R·(1 − div c) on the film, c the centroid of the PSF from the chief ray (of order 1e-3 for a
 //! Double Gauss): the PSF redistributes energy; the total is constant.
 //! Related: Maeda, Catrysse, Wandell, "Integrating lens design with digital camera simulation", Proc. SPIE 5678 (2005), which

@@ -9,6 +9,8 @@
 //! values (no Jacobian), so a uniform chart of value 1 gives exactly R. Chart coordinates are f64, split into an integer and
 //! an f32 fraction ([`crate::resample`]), so pixel values do not depend on the partition of the film.
 //!
+//! The transpose, which scatters, is in `scatter`.
+//!
 //! A tile is computed in parts of at most `PART_ROWS` × `PART_COLS` pixels: map them to the chart, read the chart rectangle that
 //! their taps cover, interpolate. The portable path maps every pixel in f64 (`map`); SIMD maps one in sixteen (`anchors`) and expands
 //! the others from it (`lanes`), within 2e-6 px. A GPU ([`cuda`]) does the same, tile by tile; `reach` bounds the chart rectangle of a

@@ -19,6 +19,8 @@
 //! Light is conserved: the kernels K of a height have the sum 1 − Σ_j c_0j Σ_l Σ_bins b_l² B_0j, that of the sums on the bins. A uniform
 //! remapped image and surround stays uniform but for the change of T with the height.
 //!
+//! The transpose, from a film to the chart, is in `transpose`.
+//!
 //! Errors of half planes and discs, of white, and of points: see `model.md`, tails. Of a single pixel near a point: up to 15 % of T between one and two radii on bins of R/2.5.
 //! Left out: fringes beyond the window; change of c between nodes other than linear.
 
