@@ -100,6 +100,7 @@ pub mod figures;
 pub mod flow;
 pub mod geometry;
 pub mod layer;
+mod least_squares;
 pub mod lens;
 pub mod lru;
 pub mod measure;
