@@ -37,6 +37,7 @@
 //! Other modules: [`design`] makes the tables and PSFs of a lens from its prescription by ray tracing, in layers (prescription, rays, pupil,
 //! figures, PSF, tables); lens files are read by the package `formats`. [`chart`] draws test charts
 //! ([`colour`], [`reflectance`], [`wavelengths`]); [`measure`] measures edges, points and profiles; [`figures`] summarises a lens;
+//! [`camera_model`] fits the camera models of other programs to its distortion;
 //! [`tiling`] divides film and bands into tiles and shards, [`buffer`] holds the light of a tile, [`geometry`] has rectangles and the film frame, [`options`] what a job asks of
 //! the physics. [`bounds`] has the bounds of all input numbers; [`clock`] counts the time of each stage; [`simd`] selects an instruction set; [`real`] has
 //! functions whose bits do not depend on the host; [`cuda`] opens GPUs and holds their memory; [`mod@bench`] holds the baselines of benchmarks.
@@ -86,6 +87,7 @@ pub mod band;
 pub mod bench;
 pub mod bounds;
 pub mod buffer;
+pub mod camera_model;
 pub mod chart;
 pub mod clock;
 pub mod colour;
