@@ -7,6 +7,7 @@
 //! | [`mod@lens`] | lens packs and their layout |
 //! | [`mod@design`] | lens files: readers and writers of prescriptions, glass catalogues, the built-in lenses |
 //! | [`mod@import`] | tables and PSFs of lenses from other programs |
+//! | [`mod@camera_model`] | distortion of a lens in files of OpenCV, COLMAP, DriveWorks and lensfun, and as CSV |
 //! | [`mod@export`] | films as OpenEXR, TIFF or flat files |
 //! | [`mod@raw`], [`mod@sensor`] | raws of a sensor; descriptions of sensors |
 //! | `mesh` | triangle meshes of glTF, OBJ and PLY files (feature `mesh`) |
@@ -35,6 +36,7 @@
 #![cfg_attr(not(test), warn(clippy::disallowed_methods, clippy::print_stdout, clippy::print_stderr))]
 
 mod bounded;
+pub mod camera_model;
 pub mod chart;
 pub mod design;
 pub mod developed;
