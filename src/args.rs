@@ -20,6 +20,7 @@ mod ghosts;
 pub mod help;
 mod import;
 mod lens;
+mod lens_export;
 mod light;
 mod manual;
 mod measure;
@@ -60,6 +61,7 @@ pub use lens::{
     ConvertArgs, DiffArgs, LensArgs, LensCommand, ListArgs, Normalise, PsfArgs, ShowArgs, Store, TableName,
     TraceArgs,
 };
+pub use lens_export::{Bands, ColmapModel, LensExportArgs, ModelArg, Terms};
 pub use light::LightArgs;
 pub use manual::{CompletionsArgs, HelpArgs, ManArgs};
 pub use measure::MeasureArgs;

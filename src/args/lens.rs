@@ -5,6 +5,7 @@ use super::camera::CameraArgs;
 use super::choices::{BORESIGHT, STYLE, SWITCH, one_of};
 use super::design::{DESIGN_FILES, Depths, DesignArgs, depths, focus_m};
 use super::import::ImportArgs;
+use super::lens_export::LensExportArgs;
 use super::light::LightArgs;
 use super::tolerance::ToleranceArgs;
 use super::values::{bounded, figures, film_point, pitch, positive, share, size, window_px};
@@ -44,6 +45,8 @@ pub enum LensCommand {
     Tolerance(Box<ToleranceArgs>),
     /// Print the pinhole camera whose picture is the chart of a film, for a renderer
     Camera(Box<CameraArgs>),
+    /// Write the distortion of a lens as the camera model of another program: OpenCV, f-theta, lensfun, COLMAP, CSV
+    Export(Box<LensExportArgs>),
     /// Print what a lens leaves of the light: transmission, reflectance of each surface
     Light(Box<LightArgs>),
     /// List the built-in lenses with their sources

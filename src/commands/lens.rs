@@ -9,6 +9,7 @@ pub mod convert;
 mod cross_section;
 mod curves;
 mod diff;
+mod export;
 mod film_diff;
 pub mod film_figures;
 mod film_lens;
@@ -37,6 +38,7 @@ pub fn command(args: &LensArgs) -> Result<()> {
         LensCommand::Psf(args) => psf::command(args),
         LensCommand::Diff(args) => diff::command(args),
         LensCommand::Camera(args) => camera::command(args),
+        LensCommand::Export(args) => export::command(args),
         LensCommand::Light(args) => light::command(args),
         LensCommand::List(args) => list::command(args),
         LensCommand::Convert(args) => convert::command(args),

@@ -157,6 +157,9 @@ fn of_lens(command: &LensCommand) -> Guard {
         LensCommand::Psf(args) => of_design(&args.design, &args.parameters)
             .may_write("OUT", args.out.as_ref())
             .may_write("--sections", args.sections.as_ref()),
+        LensCommand::Export(args) => {
+            of_design(&args.lens, &args.parameters).may_write("OUT", args.out.as_ref())
+        }
         LensCommand::Trace(args) => of_design(&args.design, &args.parameters)
             .reads_tolerances(&args.built)
             .writes("OUT.lens.zarr", &args.out),

@@ -5,6 +5,7 @@ mod built;
 mod coatings;
 mod commands;
 mod design_files;
+mod export;
 mod figures;
 mod ghosts;
 mod opticstudio;

@@ -23,6 +23,7 @@ const LINES: &[&str] = &[
     "lens tolerance design tolerances.toml --out=out --glass-catalog=glass_catalog --coatings=coatings.toml | out",
     "lens tolerance design --import-tol --output=output --glass-catalog=glass_catalog | output",
     "lens camera design --film-size=9 --glass-catalog=glass_catalog |",
+    "lens export lens out --as=lut --glass-catalog=glass_catalog --coatings=coatings.toml | out",
     "lens list --plot=plot | plot",
     "lens convert design out.zmx --glass-catalog=glass_catalog --coatings=coatings.toml | out.zmx",
     "lens import source out | out",

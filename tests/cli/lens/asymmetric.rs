@@ -83,9 +83,13 @@ fn what_designs_without_symmetry_do_not_have_is_an_error_of_one_line() {
         assert_exit(&refused, USAGE, &[named]);
     }
     assert!(!job.at("film").exists());
-    let commands: [(&[&str], &str); 5] = [
+    let commands: [(&[&str], &str); 6] = [
         (&["lens", "diff", text(&tilted), "double-gauss-28"], "rotational symmetry"),
         (&["lens", "light", text(&tilted)], "rotational symmetry"),
+        (
+            &["lens", "export", text(&tilted), "--as", "opencv"],
+            "lens export: expected a lens with rotational symmetry",
+        ),
         (&["lens", "show", text(&tilted), "--plot", "pictures"], "--plot: expected"),
         (&["lens", "trace", text(&tilted), "p.lens.zarr", "--wavelengths", "550"], "--film-size"),
         (&["lens", "convert", text(&tilted), "p.csv"], "no rotational symmetry"),
