@@ -16,6 +16,7 @@ use crate::psf::blocks::Blocks;
 use crate::psf::grid::NodeGrid;
 use crate::psf::kernel::on_demand::{KernelsOnDemand, PsfReader, PsfSource};
 use crate::psf::{BandPsf, Builders};
+use crate::simd::Simd;
 use crate::stage::Stage;
 use crate::tiling::Tiling;
 use std::sync::Arc;
@@ -344,12 +345,12 @@ impl DepthPlan {
             psfs.push(Some(stage));
             first_id += node.grid.len();
         }
-        let shape = self.shape(frame, &source);
+        let shape = self.shape(frame, &source, options.simd);
         DepthStage::new(position, scene, self.slabs.clone(), (psfs, source), self.hidden.clone(), shape)
     }
 
     /// Shape of the pupil, of the used node that is farthest from focus, if two surfaces may be out of focus.
-    fn shape(&self, frame: &Frame, source: &PsfSource) -> Option<Shape> {
+    fn shape(&self, frame: &Frame, source: &PsfSource, simd: Simd) -> Option<Shape> {
         let blur = |d: usize| self.slabs.blur_at(self.slabs.vergence()[d]);
         let used = (0..self.nodes.len()).filter(|&d| self.nodes[d].is_used);
         let wide = used.max_by(|&a, &b| blur(a).abs().total_cmp(&blur(b).abs()))?;
@@ -357,7 +358,7 @@ impl DepthPlan {
         let samples = (node.samples, node.pitch_um / frame.pitch_um);
         (blur(wide).abs() >= LEAST_WIDE_PX).then(|| {
             let of = (self.first_node + wide, blur(wide));
-            Shape::new(source, of, node.grid.heights_px(), samples, node.blocks.window)
+            Shape::new(source, of, node.grid.heights_px(), samples, (node.blocks.window, simd))
         })
     }
 }

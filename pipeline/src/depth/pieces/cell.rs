@@ -8,6 +8,8 @@ use crate::buffer::resize_exact;
 use crate::depth::planes::{Planes, SlabPlanes, copy_part, for_each_row};
 use crate::depth::slabs::Slabs;
 use crate::geometry::{Frame, Rect};
+use crate::simd::lanes::{Lanes, SimdOp};
+use crate::simd::{Simd, UnfusedOp};
 
 /// Positions in a slab that differ by less are one.
 const ONE_POSITION: f32 = 1e-4;
@@ -167,7 +169,7 @@ impl Correction<'_> {
         let scale = blur_px / pieces.blur_px;
         let disc = Disc::new(pieces.radius_px * scale.abs());
         let most_px = (self.margin as f64 - disc.reach() as f64 - 1.0).max(0.0);
-        View { cell, area, pieces, scale, disc, most_px }
+        View { cell, area, pieces, scale, disc, most_px, simd: self.shape.simd }
     }
 }
 
@@ -181,6 +183,7 @@ struct View<'a> {
     disc: Disc,
     /// Offsets are not larger: the planes end there, px.
     most_px: f64,
+    simd: Simd,
 }
 
 impl View<'_> {
@@ -213,27 +216,43 @@ impl View<'_> {
                     s.source.push(slab.at(plane, i) * weight(s.source.len(), i));
                 }
             }
-            self.disc.mean(&s.source, area.width, &mut s.mean, &mut s.sums);
+            self.disc.mean(&s.source, area.width, &mut s.mean, &mut s.sums, self.simd);
             for ((_, d), to) in self.pieces.pieces.iter().zip(to.chunks_exact_mut(cell.size().pixels())) {
                 let (y, x) = self.offset(*d);
-                add_linear(&s.mean, width, (inside.0 + y, inside.1 + x), factor(*d), cell.width, to);
+                let at = (inside.0 + y, inside.1 + x);
+                AddLinear { from: &s.mean, stride: width, at, factor: factor(*d), width: cell.width, to }
+                    .run_unfused(self.simd);
             }
         }
     }
 }
 
 /// Adds `factor` times `from`, rows of `stride` pixels, from (y, x) on, between pixels, to the rows of `width` pixels of `to`.
-fn add_linear(from: &[f32], stride: usize, (y, x): (f64, f64), factor: f32, width: usize, to: &mut [f32]) {
-    let (row, column) = (y.floor() as usize, x.floor() as usize);
-    let (fy, fx) = ((y - y.floor()) as f32, (x - x.floor()) as f32);
-    let weights = [(1.0 - fy) * (1.0 - fx), (1.0 - fy) * fx, fy * (1.0 - fx), fy * fx].map(|w| w * factor);
-    for (i, to) in to.chunks_exact_mut(width).enumerate() {
-        let [upper, lower] = [0, 1].map(|k| &from[(row + i + k) * stride + column..][..width + 1]);
-        for (j, to) in to.iter_mut().enumerate() {
-            *to += weights[0] * upper[j]
-                + weights[1] * upper[j + 1]
-                + weights[2] * lower[j]
-                + weights[3] * lower[j + 1];
+struct AddLinear<'a> {
+    from: &'a [f32],
+    stride: usize,
+    at: (f64, f64),
+    factor: f32,
+    width: usize,
+    to: &'a mut [f32],
+}
+
+impl<V: Lanes> SimdOp<V> for AddLinear<'_> {
+    #[inline(always)]
+    fn run(self) {
+        let Self { from, stride, at: (y, x), factor, width, to } = self;
+        let (row, column) = (y.floor() as usize, x.floor() as usize);
+        let (fy, fx) = ((y - y.floor()) as f32, (x - x.floor()) as f32);
+        let weights =
+            [(1.0 - fy) * (1.0 - fx), (1.0 - fy) * fx, fy * (1.0 - fx), fy * fx].map(|w| w * factor);
+        for (i, to) in to.chunks_exact_mut(width).enumerate() {
+            let [upper, lower] = [0, 1].map(|k| &from[(row + i + k) * stride + column..][..width + 1]);
+            for (j, to) in to.iter_mut().enumerate() {
+                *to += weights[0] * upper[j]
+                    + weights[1] * upper[j + 1]
+                    + weights[2] * lower[j]
+                    + weights[3] * lower[j + 1];
+            }
         }
     }
 }

@@ -5,6 +5,8 @@
 //! ```
 
 use crate::real;
+use crate::simd::lanes::{Lanes, SimdOp};
+use crate::simd::{Simd, UnfusedOp};
 
 /// Variance of linear interpolation between pixels, px², of both directions, times two: that of a disc is R²/2.
 const LINEAR_PX2: f64 = 2.0 / 3.0;
@@ -57,11 +59,25 @@ impl Disc {
     }
 
     /// Means of `source`, rows of `width` pixels, about the pixels that are at least the reach away from its border, into `out`.
-    pub(super) fn mean(&self, source: &[f32], width: usize, out: &mut Vec<f32>, s: &mut DiscScratch) {
+    /// The same bits with any instructions.
+    pub(super) fn mean(
+        &self,
+        source: &[f32],
+        width: usize,
+        out: &mut Vec<f32>,
+        s: &mut DiscScratch,
+        simd: Simd,
+    ) {
         out.clear();
         if self.reach == 0 {
             return out.extend_from_slice(source);
         }
+        Mean { disc: self, source, width, out, s }.run_unfused(simd);
+    }
+
+    /// [`Disc::mean`] of a disc of more than a pixel.
+    #[inline(always)]
+    fn sum_rows(&self, source: &[f32], width: usize, out: &mut Vec<f32>, s: &mut DiscScratch) {
         let DiscScratch { sums, row: total } = s;
         let (rows, inside) = (source.len() / width, width - 2 * self.reach);
         sums.clear();
@@ -93,6 +109,22 @@ impl Disc {
     }
 }
 
+/// [`Disc::mean`], compiled for the instructions that run it.
+struct Mean<'a> {
+    disc: &'a Disc,
+    source: &'a [f32],
+    width: usize,
+    out: &'a mut Vec<f32>,
+    s: &'a mut DiscScratch,
+}
+
+impl<V: Lanes> SimdOp<V> for Mean<'_> {
+    #[inline(always)]
+    fn run(self) {
+        self.disc.sum_rows(self.source, self.width, self.out, self.s);
+    }
+}
+
 /// Buffers of [`Disc::mean`].
 #[derive(Debug, Default)]
 pub(super) struct DiscScratch {
@@ -110,7 +142,7 @@ mod tests {
         let mut source = vec![0.0; 441];
         source[220] = 1.0;
         let (mut out, side) = (Vec::new(), 21 - 2 * disc.reach());
-        disc.mean(&source, 21, &mut out, &mut DiscScratch::default());
+        disc.mean(&source, 21, &mut out, &mut DiscScratch::default(), Simd::detect());
         assert_eq!(out.len(), side * side);
         (side, out)
     }
@@ -147,7 +179,7 @@ mod tests {
             let mut source = vec![0.0; (2 * side - 1) * (2 * side - 1)];
             source[(side - 1) * (2 * side - 1) + side - 1] = 1.0;
             let mut out = Vec::new();
-            disc.mean(&source, 2 * side - 1, &mut out, &mut DiscScratch::default());
+            disc.mean(&source, 2 * side - 1, &mut out, &mut DiscScratch::default(), Simd::detect());
             let moment: f64 = (0..side * side)
                 .map(|i| ((i / side) as f64 - disc.reach() as f64).powi(2) * f64::from(out[i]))
                 .sum();

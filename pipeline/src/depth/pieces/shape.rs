@@ -13,6 +13,7 @@
 
 use crate::psf::kernel::on_demand::PsfSource;
 use crate::real;
+use crate::simd::Simd;
 use std::f64::consts::TAU;
 use std::sync::OnceLock;
 
@@ -66,6 +67,8 @@ pub(in crate::depth) struct Shape {
     half_px: f64,
     blur_px: f64,
     parts: Vec<OnceLock<Vec<Part>>>,
+    /// Instructions of the correction, whose bits do not depend on them.
+    pub(super) simd: Simd,
 }
 
 impl Shape {
@@ -76,11 +79,11 @@ impl Shape {
         (node, blur_px): (usize, f64),
         heights_px: &[f64],
         (samples, sample_px): (usize, f64),
-        window: usize,
+        (window, simd): (usize, Simd),
     ) -> Self {
         let parts = heights_px.iter().map(|_| OnceLock::new()).collect();
         let (source, heights_px, half_px) = (source.clone(), heights_px.to_vec(), window as f64 / 2.0);
-        Self { source, node, heights_px, samples, sample_px, half_px, blur_px, parts }
+        Self { source, node, heights_px, samples, sample_px, half_px, blur_px, parts, simd }
     }
 
     /// Parts of the PSF of height `k`, of sum 1.
@@ -184,7 +187,7 @@ mod tests {
             assert_eq!(node, 3);
             Ok(psfs[k].clone())
         }));
-        Shape::new(&source, (3, 30.0), &heights, (301, 0.25), 91)
+        Shape::new(&source, (3, 30.0), &heights, (301, 0.25), (91, Simd::detect()))
     }
 
     #[test]
