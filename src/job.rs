@@ -15,6 +15,7 @@ mod bands;
 pub mod cost;
 mod coverage;
 pub mod depth;
+pub mod depth_forecast;
 mod field_height;
 mod film;
 pub mod film_engine;
@@ -37,6 +38,7 @@ mod scatter;
 pub mod stages;
 pub mod stretch;
 mod tails;
+mod tile_cost;
 mod veil;
 
 pub use arguments::default_options;
@@ -60,6 +62,7 @@ use arguments::Arguments;
 use bands::JobPlan;
 use coverage::Coverage;
 use formats::chart::ArrayChart;
+use depth_forecast::DepthForecast;
 use formats::film::FilmSpec;
 use ghosts::JobGhosts;
 use inputs::{Inputs, Opened};
@@ -204,6 +207,24 @@ impl<'a> UntracedJob<'a> {
         Ok(Self { args, planned, arguments, inputs, lens, has_tails, layers, film })
     }
 
+    /// What it needs, if it has surfaces at several distances and a lens to be traced for them.
+    ///
+    /// # Errors
+    /// As [`DepthForecast::new`].
+    pub fn depth_forecast(&self) -> Result<Option<DepthForecast>> {
+        DepthForecast::new((&self.arguments, &self.inputs, &self.film), &self.lens)
+    }
+
+    /// Name of its lens.
+    pub fn lens_name(&self) -> &str {
+        self.lens.name()
+    }
+
+    /// Its threads.
+    pub fn threads(&self) -> usize {
+        self.arguments.threads
+    }
+
     /// Whether its lens is a design, which is traced unless its bands are in the cache.
     pub fn is_design(&self) -> bool {
         matches!(self.lens, UntracedLens::Design(_))
@@ -269,7 +290,7 @@ impl<'a> UntracedJob<'a> {
         let (memory, queues) = resources::allocate(&mut arguments, &inputs, &mut plan, &stretch, &layers)?;
         inputs.chart.set_cache_bytes(memory.chart_cache);
         if let Some(depth) = &mut inputs.depth {
-            depth.set_cache_for_rows(resources::depth_rows(&plan.bands, &stretch, &inputs.frame));
+            depth.set_cache_for_rows(depth_forecast::depth_rows(&plan.bands, &stretch, &inputs.frame));
         }
         let max = film::max_chart_value(&plan.gains);
         inputs.chart.limit_values(max)?;

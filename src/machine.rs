@@ -41,6 +41,12 @@ impl MemoryLimit {
         Self { bytes: given.unwrap_or_else(|| default_limit().min(max_default)), is_given: given.is_some() }
     }
 
+    /// `factor` times as much.
+    #[must_use]
+    pub fn times(self, factor: f64) -> Self {
+        Self { bytes: (self.bytes as f64 * factor) as u64, ..self }
+    }
+
     /// A usage error: the limit is too small, because of `why`.
     pub fn too_small(&self, why: impl Display) -> anyhow::Error {
         let limit = mib(usize::try_from(self.bytes).unwrap_or(usize::MAX));

@@ -13,7 +13,7 @@ fn counts(pitch_um: f64, range: (f64, f64), reach_mm: f64) -> (usize, usize) {
         max_window_px: 639,
         ..TraceOptions::new(vec![550.0], reach_mm)
     };
-    let options = DepthOptions { focus: 0.5, range, tolerance: 0.02 };
+    let options = DepthOptions { focus: 0.5, range, tolerance: 0.02, is_for_film: false };
     let estimated = estimated_nodes(&system, &trace, 0, &options).unwrap();
     assert!(estimated.windows(2).all(|w| w[0] < w[1]), "{estimated:?}");
     assert_eq!((estimated[0], estimated[estimated.len() - 1]), range);

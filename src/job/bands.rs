@@ -1,10 +1,12 @@
 //! Step 4: the film's layout, the lens ready at the job's wavelengths, and the plan of each band (tables, FFT blocks, tiles).
 
 use super::arguments::Arguments;
+use super::depth_forecast::DepthForecast;
 use super::film::{gain, regions};
 use super::inputs::Inputs;
 use super::light;
-use crate::job::lens::{JobLens, TracedFor, UntracedLens};
+use crate::job::lens::{EstimatedLens, JobLens, TracedFor, UntracedLens};
+use crate::progress::log_line;
 use anyhow::Result;
 use formats::film::FilmSpec;
 use formats::lens::LensPackError;
@@ -38,11 +40,16 @@ impl JobPlan {
     ) -> Result<Self> {
         let (args, frame, options) = (arguments.given, &inputs.frame, &arguments.options);
         let nm = inputs.wavelengths_nm();
+        let before_trace = |found: &EstimatedLens| {
+            let forecast = DepthForecast::of_nodes((arguments, inputs, &film), found)?;
+            log_line(forecast.text());
+            Ok(())
+        };
         let depth = match &inputs.depth {
             None => None,
             Some(depth) => {
                 let options = lens.depth_options(&args.surfaces, depth.range)?;
-                Some(TracedFor { surfaces: &depth.surfaces, options })
+                Some(TracedFor { surfaces: &depth.surfaces, options, before_trace: Some(&before_trace) })
             }
         };
         let lens = JobLens::new(lens, frame, &nm, options, arguments.threads, depth);

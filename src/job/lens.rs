@@ -49,8 +49,8 @@ use serde_json::Value;
 use std::sync::Arc;
 use traced::Traced;
 pub use tracing::without_flags;
-pub use tracing_job::TracedFor;
 use tracing_job::TracingJob;
+pub use tracing_job::{EstimatedLens, TracedFor};
 
 /// Blur radius in film pixels up to which a surface is in focus: the L1 error of a PSF is then at most 2 %, by C·Δρ² with the C of the worst lens of
 /// those measured for [`pipeline::design::depth::nodes`], 9 % at 0.5 px.
@@ -249,6 +249,14 @@ impl UntracedLens {
         )))
     }
 
+    /// Its name.
+    pub fn name(&self) -> &str {
+        match self {
+            Self::Pack(pack) => &pack.lens().name,
+            Self::Design(design) => &design.system.name,
+        }
+    }
+
     /// Distortion focal length in mm, and blur radius per dioptre in µm.
     ///
     /// # Errors
@@ -292,7 +300,7 @@ impl UntracedLens {
     /// As [`UntracedLens::focus`].
     pub fn depth_options(&self, given: &DepthArgs, range: (f64, f64)) -> Result<DepthOptions> {
         let tolerance = given.depth_tolerance.unwrap_or(DEPTH_TOLERANCE);
-        Ok(DepthOptions { focus: self.focus(given)?, range, tolerance })
+        Ok(DepthOptions { focus: self.focus(given)?, range, tolerance, is_for_film: true })
     }
 
     /// Magnification (ideal height on the film over object height) and object distance in mm; none for an object at infinity.

@@ -292,6 +292,7 @@ impl MemoryInputs<'_> {
             let shard = self.regions.first().map(|region| region.shard_rect(0, 0));
             shard.map_or(0, |rect| self.spectra_of(p, rect.grown(p.tiling.margin() + p.tiling.tile())))
         };
+        let psfs_on_demand = |p: &BandPlan| psfs_on_demand(p, self.frame);
         let (psf, psfs) = (self.max(largest_psf), self.max(psfs_on_demand));
         let min = self.max(nodes).min(self.threads * MIN_SPECTRA * self.max(largest_spectrum));
         let min = min + (self.threads * MIN_PSFS * psf).min(psfs);

@@ -2,30 +2,25 @@
 
 use super::depth::surfaces::SurfacePaths;
 use super::depth::{Depth, DepthRequest, LensFacts, arrays};
-use super::film::regions;
+use super::depth_forecast::{MemoryRequest, with_outside};
 use super::frame::{Named, frame};
-use super::resources::depth_rows;
-use super::stretch::RemapStretch;
 use crate::args::{DepthArgs, DepthMiss, DepthReportArgs};
 use crate::failure::{line, usage};
 use crate::job::cost::core_s;
+use crate::job::default_options;
 use crate::job::lens::depth_nodes::trace_core_s;
 use crate::job::lens::{TracedFor, UntracedLens, estimated};
-use crate::job::memory::{GpuDemand, Memory, MemoryInputs};
+use crate::job::memory::Memory;
 use crate::machine::{MAX_DEFAULT, MemoryLimit, threads};
 use crate::open::{self, Chart, ChartFlags};
 use anyhow::Result;
 use formats::chart::{NanPolicy, exr};
 use formats::film::FilmSpec;
-use pipeline::band::{BandPlan, Options, PsfBetween};
+use pipeline::band::{BandPlan, Options};
 use pipeline::design::trace::with_threads;
-use pipeline::executor::memory::Walk;
 use pipeline::field::Outside;
 use pipeline::geometry::Frame;
 use pipeline::lens::Lens;
-use pipeline::remap::ChartInterpolation;
-use pipeline::resample::{Interp, Surround};
-use pipeline::simd::Simd;
 use pipeline::stages::default_stages;
 use pipeline::tiling::Tiling;
 use std::path::Path;
@@ -176,7 +171,7 @@ impl Preview {
             }
         };
         let names = opened.paths.into_iter().map(|paths| paths.name).collect();
-        let (blur_px, lens) = (opened.facts.blur_px, lens_name(&opened.lens));
+        let (blur_px, lens) = (opened.facts.blur_px, opened.lens.name().to_owned());
         Ok(Self { lens, frame: opened.frame, names, depth, focus: opened.focus, blur_px, band, problems })
     }
 }
@@ -185,13 +180,6 @@ fn lens_nm(lens: &UntracedLens) -> f64 {
     match lens {
         UntracedLens::Pack(pack) => pack.lens().primary_wavelength_nm,
         UntracedLens::Design(design) => design.system.primary_um() * 1e3,
-    }
-}
-
-fn lens_name(lens: &UntracedLens) -> String {
-    match lens {
-        UntracedLens::Pack(pack) => pack.lens().name.clone(),
-        UntracedLens::Design(design) => design.system.name.clone(),
     }
 }
 
@@ -208,7 +196,7 @@ fn planned(
         UntracedLens::Pack(pack) => (pack.lens().clone(), None),
         UntracedLens::Design(design) => {
             let options = lens.depth_options(&args.surfaces, depth.range)?;
-            let traced_for = TracedFor { surfaces: &depth.surfaces, options };
+            let traced_for = TracedFor { surfaces: &depth.surfaces, options, before_trace: None };
             let found = estimated(
                 (&design.system, &design.name, &args.tracing),
                 frame,
@@ -275,51 +263,33 @@ fn memory(
     plan: &BandPlan,
     depth: &Depth,
 ) -> Result<Memory> {
-    let (frame, options, bands) = (&opened.frame, options_of(args.outside), std::slice::from_ref(plan));
+    let (frame, options) = (&opened.frame, options_of(args.outside));
     let has_invented = depth.surfaces.is_invented;
     let film = FilmSpec {
         has_invented,
         ..FilmSpec::full_film(frame.film, vec![plan.lens.wavelength_nm], frame.pitch_um)
     };
-    let (regions, stretch) = (regions(&film), RemapStretch::new(frame, bands, &options));
-    let nodes = lens.depth.iter().flat_map(|depth| &depth.bands[plan.lens_bands.first].nodes);
-    let samples = nodes.map(|node| node.psf_height_mm.len() * node.psf_size.pow(2)).max().unwrap_or(0);
-    let reading = match &opened.lens {
+    let psf_reading = match &opened.lens {
         UntracedLens::Pack(pack) => pack.psf_reading_bytes(plan.lens_bands.first),
         UntracedLens::Design(..) => 0,
     };
-    let inputs = MemoryInputs {
-        limit: MemoryLimit::new(args.memory, MAX_DEFAULT),
+    let request = MemoryRequest {
         frame,
         options: &options,
-        bands,
-        regions: &regions,
+        chart: &opened.chart,
+        depth,
         film: &film,
+        path: Path::new("film"),
         threads: threads(args.threads),
-        writers: formats::film::FilmStore::concurrent_writes(Path::new("film")),
-        chart_rows: &|rows| opened.chart.cache_for_rows(rows),
-        chunks: opened.chart.chunk_memory(&[0]),
-        walks: &[(0, Walk::of_all(&plan.tiling, &regions))],
-        stretch: &stretch,
-        psf_reading: &|_| reading,
-        max_psf_reading: 4 * samples + reading,
-        layer_making: 0,
-        surfaces: if plan.depth.is_some() { depth.count() } else { 0 },
-        surface_caches: depth.cache_bytes(depth_rows(bands, &stretch, frame)),
+        limit: MemoryLimit::new(args.memory, MAX_DEFAULT),
+        psf_reading,
     };
-    Memory::plan(&inputs, GpuDemand::default())
+    request.plan(lens, std::slice::from_ref(plan))
 }
 
 /// The options of a run without flags.
 fn options_of(outside: Outside) -> Options {
-    Options {
-        stages: default_stages(),
-        interpolation: ChartInterpolation { interp: Interp::Bicubic, surround: Surround::Edge, outside },
-        azimuths: None,
-        psf_window: None,
-        between: PsfBetween::Error,
-        simd: Simd::detect(),
-    }
+    with_outside(default_options(), outside)
 }
 
 impl PlannedBand {

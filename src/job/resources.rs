@@ -3,6 +3,7 @@
 use super::arguments::Arguments;
 use super::bands::JobPlan;
 use super::depth::Depth;
+use super::depth_forecast::depth_rows;
 use super::inputs::Inputs;
 use super::stretch::RemapStretch;
 use crate::failure;
@@ -111,13 +112,6 @@ fn divide(
             .map_or(0, |depth| depth.cache_bytes(depth_rows(&plan.bands, stretch, &inputs.frame))),
     };
     Memory::plan(&memory, gpus)
-}
-
-/// Rows of the chart under a tile of a depth stage with its margin.
-pub fn depth_rows(bands: &[BandPlan], stretch: &RemapStretch, frame: &Frame) -> usize {
-    let rows = |band: &BandPlan| band.depth.as_ref().map_or(0, |d| band.tiling.tile() + 2 * d.reach);
-    let rows = bands.iter().map(rows).max().unwrap_or(0);
-    (rows as f64 * stretch.range.1.max(1.0) / frame.scale.0.min(1.0)) as usize
 }
 
 /// Order of the tiles of the first band with each tiling.

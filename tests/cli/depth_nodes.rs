@@ -8,7 +8,9 @@ use pipeline::design::illumination::irradiance_sr;
 use pipeline::design::ray::Tracer;
 use pipeline::design::system::{ImagePlane, RayAiming};
 use pipeline::design::trace::{Azimuths, PsfHeights, TraceOptions};
-use pipeline::lens::{LensError, linear};
+use pipeline::lens::{LensError, PsfStack, linear};
+use pipeline::psf::kernel::{KernelScratch, NodeKernels};
+use pipeline::simd::Simd;
 use serde_json::Value;
 
 fn expected() -> Value {
@@ -35,7 +37,7 @@ fn focus_moves_the_film_and_the_blur_per_dioptre_follows() {
     for row in expected()["focus"].as_array().unwrap() {
         let focus = number(row, "vergence");
         let system = double_gauss(focus, RayAiming::Paraxial);
-        let options = DepthOptions { focus, range: (0.0, 1.0), tolerance: 0.02 };
+        let options = DepthOptions { focus, range: (0.0, 1.0), tolerance: 0.02, is_for_film: false };
         let head = header(&system, &options).unwrap();
         let film_mm = system.surfaces[system.image() - 1].thickness_mm;
         near(film_mm, number(row, "film_mm"), 1e-6, "film");
@@ -114,7 +116,7 @@ fn nodes_of_similar_blur_share_heights_within_their_tolerance() {
     let system = BuiltinLens::named("phone").unwrap().system();
     let system = system.focused_at(2.5, ImagePlane::Paraxial(system.primary_um()), 0.0).unwrap();
     let trace = TraceOptions::new(vec![550.0], 2.0);
-    let options = DepthOptions { focus: 2.5, range: (2.5, 2.52), tolerance: 0.02 };
+    let options = DepthOptions { focus: 2.5, range: (2.5, 2.52), tolerance: 0.02, is_for_film: false };
     let placement = Placement { vergence: vec![2.5, 2.51, 2.52], l1: 0.0, esf: 0.0 };
     let sink = |_: usize, _: &_| Ok::<(), LensError>(());
     let traced = band(&system, &trace, 0, (&options, placement), &mut |_| (), sink).unwrap();
@@ -133,6 +135,43 @@ fn nodes_of_similar_blur_share_heights_within_their_tolerance() {
     }
 }
 
+/// Kernels of 2 µm pixels: of PSFs for any film, and of those for films of this pitch.
+#[test]
+fn wide_psfs_for_a_film_have_fewer_samples_and_the_same_kernels() {
+    let system = BuiltinLens::named("phone").unwrap().system();
+    let system = system.focused_at(2.5, ImagePlane::Paraxial(system.primary_um()), 0.0).unwrap();
+    let mut trace = TraceOptions::new(vec![550.0], 1.0);
+    trace.heights = PsfHeights::Given(vec![0.0, 1.0]);
+    trace.azimuths = Azimuths::Given(4);
+    let placement = || Placement { vergence: vec![2.5, 3.5, 3.55], l1: 0.0, esf: 0.0 };
+    let traced = |is_for_film: bool| {
+        let options = DepthOptions { focus: 2.5, range: (2.5, 3.55), tolerance: 0.02, is_for_film };
+        let mut stacks = Vec::new();
+        let sink = |_: usize, stack: &PsfStack| {
+            stacks.push(stack.clone());
+            Ok::<(), LensError>(())
+        };
+        let traced = band(&system, &trace, 0, (&options, placement()), &mut |_| (), sink).unwrap();
+        (stacks, traced)
+    };
+    let ((any, _), (film, of_film)) = (traced(false), traced(true));
+    assert_eq!(any[0], film[0], "in focus");
+    for node in [1, 2] {
+        assert!(film[node].pitch_um > 1.3 * any[node].pitch_um && film[node].pitch_um <= 1.0, "{node}");
+        assert!(of_film.nodes.nodes[node].psf_energy.iter().all(|share| *share > 0.985), "{node}");
+        for row in 0..2 {
+            let kernel = |stack: &PsfStack| {
+                let kernels = NodeKernels::new(stack, 2.0, Some(31), Simd::detect());
+                kernels.unrotated(row, &mut KernelScratch::default()).to_vec()
+            };
+            let (a, b) = (kernel(&any[node]), kernel(&film[node]));
+            let l1: f32 = std::iter::zip(&a, &b).map(|(a, b)| (a - b).abs()).sum();
+            println!("node {node}, height {row}: L1 {l1:.1e}");
+            assert!(a.len() == b.len() && l1 < 3e-3, "node {node}, height {row}: {l1}");
+        }
+    }
+}
+
 #[test]
 fn chief_rays_of_real_aiming_cross_the_axis_where_the_independent_model_has_them() {
     let system = double_gauss(0.5, RayAiming::Real);
@@ -141,7 +180,7 @@ fn chief_rays_of_real_aiming_cross_the_axis_where_the_independent_model_has_them
     trace.heights = PsfHeights::Given(vec![0.0, 20.0]);
     trace.azimuths = Azimuths::Given(4);
     trace.window_px = Some(33);
-    let options = DepthOptions { focus: 0.5, range: (0.499, 0.501), tolerance: 0.5 };
+    let options = DepthOptions { focus: 0.5, range: (0.499, 0.501), tolerance: 0.5, is_for_film: false };
     let mut stacks = 0;
     let sink = |_: usize, _: &_| {
         stacks += 1;

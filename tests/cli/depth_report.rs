@@ -164,3 +164,28 @@ fn a_design_is_not_traced_and_its_gaps_count() {
     let blur = |value: &Value| value["blur_px_per_dioptre"].as_f64().unwrap();
     assert!((blur(&moved) / blur(&found) - 1.0).abs() > 1e-4, "{} {}", blur(&moved), blur(&found));
 }
+
+#[test]
+fn a_run_forecasts_its_trace_without_it_and_refuses_too_little_memory_before_it() {
+    let scene = Scene::new();
+    let cache = scene.path("cache");
+    let run = |flags: &[&str]| {
+        let chart = "gen:depth-scene?size=120x80&wavelengths=550&near_m=0.2&far_m=1";
+        let film = scene.path("film.zarr");
+        let words =
+            ["run", chart, text(&film), "--lens", "phone", "--focus-m", "0.3", "--film-size", "120x80"];
+        let mut command = std::process::Command::new(env!("CARGO_BIN_EXE_lenscube"));
+        let always = ["--film-pitch-um", "2", "--threads", "2"];
+        let output = command.env("XDG_CACHE_HOME", &cache).args(words).args(always).args(flags).output();
+        CommandResult::new(&output.unwrap())
+    };
+    let forecast = run(&["--dry-run"]).ok().stdout;
+    for words in
+        ["depth nodes: ", " core seconds to trace, ", " GB in the cache", "time    about ", "memory  "]
+    {
+        assert!(forecast.contains(words), "{words}: {forecast}");
+    }
+    assert_exit(&run(&["--memory", "50MiB"]), 2, &["--memory 50MiB is too small"]);
+    let traced = || std::fs::read_dir(cache.join("lenscube/lenses")).map_or(0, |dir| dir.flatten().count());
+    assert_eq!(traced(), 0, "nothing was traced into the cache");
+}

@@ -1,7 +1,7 @@
 //! Memory of the depth stage, bytes.
 
 use super::pieces::cell;
-use super::plan::DepthPlan;
+use super::plan::{DepthPlan, NodePlan};
 use crate::psf::memory;
 use crate::tiling::Tiling;
 
@@ -39,9 +39,11 @@ impl DepthPlan {
         planes + hidden + map + psf + chart_px.saturating_mul(BYTES_PER_SHEET_PIXEL * sheets + 12)
     }
 
-    /// PSFs of all nodes, ready for kernels.
-    pub fn kernels_bytes(&self) -> usize {
-        self.used().map(|n| memory::kernels_bytes(&n.blocks, n.heights, n.samples)).sum()
+    /// PSFs of all nodes up to the first height from `radius_px` on, ready for kernels.
+    pub fn kernels_bytes(&self, radius_px: f64) -> usize {
+        let heights = |n: &NodePlan| n.grid.heights_px().partition_point(|h| *h < radius_px) + 1;
+        let of_node = |n: &NodePlan| memory::kernels_bytes(&n.blocks, heights(n).min(n.heights), n.samples);
+        self.used().map(of_node).sum()
     }
 
     /// The largest PSF, ready for kernels.

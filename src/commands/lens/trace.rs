@@ -162,7 +162,7 @@ fn system(args: &TraceArgs) -> Result<(System, Option<DepthOptions>)> {
         Some(focus_m) => 1.0 / focus_m,
         None => system.object_vergence()?,
     };
-    Ok((system, Some(DepthOptions { focus, range, tolerance: args.depth_tolerance })))
+    Ok((system, Some(DepthOptions { focus, range, tolerance: args.depth_tolerance, is_for_film: false })))
 }
 
 /// Begins the pack `out`, by `create`.

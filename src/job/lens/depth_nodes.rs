@@ -5,6 +5,7 @@
 //! 3. The others are traced one by one into the cache entry of the band; PSFs are read from there when a kernel is computed, so memory holds neither while
 //!    they are traced nor afterwards more than a few of them.
 
+use super::estimate::of_job;
 use super::tracing::BandTracer;
 use super::tracing_job::{TracedFor, TracingJob};
 use crate::failure::usage;
@@ -25,8 +26,8 @@ use std::sync::atomic::{AtomicUsize, Ordering::Relaxed};
 /// Samples of PSFs that a core computes in a second, for wide PSFs, measured on a Xeon with AVX-512.
 pub const SAMPLES_PER_S: f64 = 2e7;
 
-/// Seconds of a core for the pupil function of a PSF: 53 core seconds of 30 nodes with windows of 3 to 7 px of 48 µm, less those of the samples.
-const PSF_S: f64 = 0.012;
+/// Seconds of a core for the pupil function of a PSF: 20.7 core seconds of 135 nodes with windows of 37 to 191 px of 2 µm, less those of the samples.
+const PSF_S: f64 = 0.005;
 
 /// Seconds of one core from which on the trace of a band is announced.
 const LONG_S: f64 = 10.0;
@@ -51,6 +52,7 @@ impl BandTracer<'_> {
             return Ok((recipe, pack));
         }
         self.announce();
+        self.forecast(depth)?;
         let estimate = estimate(system, options, 0, &depth.options, &placement.vergence)?;
         let (seconds, text) = needed(&estimate, threads);
         let text = format!("{nm} nm: {text}");
@@ -94,6 +96,19 @@ impl BandTracer<'_> {
         Ok((recipe, pack))
     }
 
+    /// Passes the estimate of the depth nodes on, once.
+    fn forecast(&mut self, depth: &TracedFor<'_>) -> Result<()> {
+        let Some(before_trace) = depth.before_trace else { return Ok(()) };
+        if std::mem::replace(&mut self.is_forecast, true) {
+            return Ok(());
+        }
+        match with_threads(self.threads, || of_job(&self.job, *depth)) {
+            Ok(found) => before_trace(&found),
+            // It is an error of the trace as well, or none.
+            Err(_) => Ok(()),
+        }
+    }
+
     /// Depth nodes of the whole range, from the cache, or determined and stored there.
     fn placement(&mut self, options: &TraceOptions, depth: &TracedFor<'_>) -> Result<Placement> {
         let recipe = cache::recipe(self.job.system, options, None, Some((&depth.options, &[])), false);
@@ -101,6 +116,7 @@ impl BandTracer<'_> {
             return Ok(placement);
         }
         self.announce();
+        self.forecast(depth)?;
         self.bar.step(format!("{} nm: placing depth nodes", number(options.wavelengths_nm[0])));
         let place = || nodes(self.job.system, options, 0, &depth.options);
         let placement = with_threads(self.threads, place)?;

@@ -6,11 +6,11 @@
 
 use super::blur::{check_blur, margin_mm};
 use super::reach::Reach;
-use super::tracing_job::{TracedFor, TracingJob, trace_options};
+use super::tracing_job::{EstimatedLens, TracedFor, TracingJob, trace_options};
 use crate::args::TracingArgs;
 use anyhow::Result;
 use pipeline::band::Options;
-use pipeline::design::depth::estimate::{DepthEstimate, estimate};
+use pipeline::design::depth::estimate::estimate;
 use pipeline::design::depth::nodes::{ESF_TOLERANCE, Placement};
 use pipeline::design::depth::trace::{estimated_nodes, header, nodes};
 use pipeline::design::ray::Tracer;
@@ -18,8 +18,8 @@ use pipeline::design::trace::{LensTrace, lens_header};
 use pipeline::design::{DesignError, System};
 use pipeline::field::Outside;
 use pipeline::geometry::Frame;
+use pipeline::lens::LensBand;
 use pipeline::lens::depth::{BandDepth, DepthNode};
-use pipeline::lens::{Lens, LensBand};
 
 /// PSF heights of a node and azimuths of each: those of traced lenses are 40 to 54 and 32 to 96.
 const HEIGHTS: usize = 48;
@@ -28,16 +28,6 @@ const AZIMUTHS: usize = 64;
 const PLACED: (f64, f64) = (16.0, 32.0);
 /// Field points of the tables.
 const FIELD_POINTS: usize = 65;
-
-/// A design with estimated depth nodes, of one band at its primary wavelength.
-pub struct EstimatedLens {
-    /// Its tables.
-    pub lens: Lens,
-    /// Largest L1 error of a kernel half-way between nodes.
-    pub l1: f64,
-    /// What tracing the band's nodes needs.
-    pub needed: DepthEstimate,
-}
 
 /// The depth nodes of `system`, called `name`, for the surfaces of `traced_for` on the film of `frame`.
 ///
@@ -49,21 +39,33 @@ pub fn estimated(
     options: &Options,
     traced_for: TracedFor<'_>,
 ) -> Result<EstimatedLens> {
-    let job = TracingJob {
-        system,
-        name,
-        frame,
-        options,
-        tracing: Some(tracing),
-        depth: Some(traced_for),
-        bands: None,
-        asymmetric: None,
-    };
+    let depth = Some(traced_for);
+    of_job(
+        &TracingJob {
+            system,
+            name,
+            frame,
+            options,
+            tracing: Some(tracing),
+            depth,
+            bands: None,
+            asymmetric: None,
+        },
+        traced_for,
+    )
+}
+
+/// The depth nodes of `job` for the surfaces of `traced_for`.
+///
+/// # Errors
+/// As [`estimated`].
+pub(super) fn of_job(job: &TracingJob<'_>, traced_for: TracedFor<'_>) -> Result<EstimatedLens> {
+    let TracingJob { system, frame, options, .. } = *job;
     let nm = system.primary_um() * 1e3;
-    let at_primary = trace_options(nm, 1.0, &job);
-    check_blur(&job, &traced_for, &at_primary)?;
+    let at_primary = trace_options(nm, 1.0, job);
+    check_blur(job, &traced_for, &at_primary)?;
     let depth = &traced_for.options;
-    let reach = Reach::new(&job, margin_mm(&job, &at_primary)?)?;
+    let reach = Reach::new(job, margin_mm(job, &at_primary)?)?;
     let tracer = Tracer::new(system, system.primary_um())?;
     let wanted_mm = reach.of(&tracer, frame.farthest_mm(frame.film.rect()))[0].reach_mm;
     let reach_mm = match tracer.field_of_height(wanted_mm) {
@@ -72,7 +74,7 @@ pub fn estimated(
         }
         reached => reached.map(|_| wanted_mm)?,
     };
-    let trace = trace_options(nm, reach_mm, &job);
+    let trace = trace_options(nm, reach_mm, job);
     let mut head = header(system, depth)?;
     let blur_px = head.blur_per_dioptre_um / trace.film_pitch_um;
     let placement =

@@ -7,6 +7,9 @@
 //!    small ones the wide windows and the sparse nodes of the edge of the field;
 //! 2. beyond F, and for designs with an axial field point alone, 20 steps a decade from F or from 1 mm.
 //!
+//! Bands with depth nodes, which have hundreds of times the PSFs of others and belong to a range of distances as well, have the steps of 1 for every lens, and further
+//! ones down to F/256: a small film in the middle of the field then needs a few heights of each node.
+//!
 //! A band reaches beyond its step by half the diagonal of its PSF window, whatever the film needs. Where a lens cannot be traced so far, the margin
 //! is smaller, then the band reaches as far as its film needs, and at last to the film's corner.
 
@@ -26,6 +29,8 @@ const MARGIN_MM: f64 = 0.25;
 const BUILTIN_STEP_MM: f64 = 20.25;
 /// Steps below the outermost field point.
 const STEPS_WITHIN: u32 = 8;
+/// The same of bands with depth nodes.
+const DEPTH_STEPS_WITHIN: u32 = 16;
 /// Steps in a decade beyond the outermost field point.
 const STEPS_PER_DECADE: f64 = 20.0;
 /// Maximum reach over the largest image height of a chief ray.
@@ -82,9 +87,11 @@ impl<'a> Reach<'a> {
     /// A design without first-order properties.
     pub(super) fn new(job: &TracingJob<'a>, blur_mm: f64) -> Result<Self> {
         let field_mm = design_reach_mm(job.system)?;
-        let mut steps_mm: Vec<f64> = match job.name == design::BUILTIN {
-            true => vec![field_mm, BUILTIN_STEP_MM],
-            false => (0..=STEPS_WITHIN).map(|k| field_mm * real::pow(0.5, 0.5 * f64::from(k))).collect(),
+        let within = |steps: u32| (0..=steps).map(|k| field_mm * real::pow(0.5, 0.5 * f64::from(k)));
+        let mut steps_mm: Vec<f64> = match (job.depth.is_some(), job.name == design::BUILTIN) {
+            (true, _) => within(DEPTH_STEPS_WITHIN).collect(),
+            (false, true) => vec![field_mm, BUILTIN_STEP_MM],
+            (false, false) => within(STEPS_WITHIN).collect(),
         };
         steps_mm.retain(|mm| *mm > 0.0);
         steps_mm.sort_by(f64::total_cmp);
@@ -162,10 +169,15 @@ impl<'a> Reach<'a> {
 mod tests {
     use super::*;
     use crate::job::default_options;
+    use crate::job::lens::TracedFor;
     use formats::design::builtin::BuiltinLens;
     use pipeline::band::Options;
+    use pipeline::depth::occupancy::Occupancy;
+    use pipeline::depth::plan::Surfaces;
+    use pipeline::design::depth::trace::DepthOptions;
     use pipeline::geometry::{Frame, Size};
     use pipeline::stage::{Stage, Stages};
+    use std::sync::Arc;
 
     /// The reaches of a film up to `film_mm` from the axis of a Double Gauss with these steps, without PSFs.
     fn reaches(field_mm: f64, steps_mm: &[f64], film_mm: f64) -> Vec<BandReach> {
@@ -200,6 +212,40 @@ mod tests {
         assert!([21.0, 22.4].iter().all(|mm| one(*mm) == one(20.1)) && one(22.5) > one(20.1));
         let axial = |film_mm: f64| of(0.0, &[], film_mm);
         assert!(axial(8.95) == axial(10.0) && axial(10.01) > axial(10.0));
+    }
+
+    #[test]
+    fn bands_with_depth_nodes_reach_little_farther_than_small_films() {
+        let system = BuiltinLens::named(design::BUILTIN).unwrap().system();
+        let (size, options) = (Size::new(700, 1000), default_options());
+        let frame = Frame::centred(size, size, 2.0);
+        let surfaces = Surfaces {
+            first: 0.5,
+            last: 0.5,
+            is_opaque: true,
+            occupancy: Arc::new(Occupancy::new(size)),
+            is_invented: false,
+        };
+        let depth = DepthOptions { focus: 0.5, range: (0.5, 0.5), tolerance: 0.02, is_for_film: true };
+        let depth = TracedFor { surfaces: &surfaces, options: depth, before_trace: None };
+        let step_mm = |depth: Option<TracedFor<'_>>, film_mm: f64| {
+            let (options, name) = (&options, design::BUILTIN);
+            let frame = &frame;
+            let job = TracingJob {
+                system: &system,
+                name,
+                frame,
+                options,
+                tracing: None,
+                depth,
+                bands: None,
+                asymmetric: None,
+            };
+            Reach::new(&job, 0.0).unwrap().step_mm(film_mm)
+        };
+        assert!(step_mm(None, 1.22) > 15.0);
+        let small = step_mm(Some(depth), 1.22);
+        assert!((1.22..1.22 * 1.42).contains(&small), "{small}");
     }
 
     #[test]

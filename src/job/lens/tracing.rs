@@ -113,6 +113,7 @@ pub(super) fn trace(job: &TracingJob<'_>, wavelengths_nm: &[f64], threads: usize
         bar: TracingBar::new(nm.len()),
         traced: 0,
         is_announced: false,
+        is_forecast: false,
     };
     let (mut lens, mut packs, mut recipes) = (None::<Lens>, Vec::new(), Vec::new());
     let mut darkest = None::<(MissedEnergy, f64)>;
@@ -247,6 +248,8 @@ pub(super) struct BandTracer<'a> {
     pub(super) traced: usize,
     /// Whether tracing was announced.
     pub(super) is_announced: bool,
+    /// Whether the estimate of its depth nodes was passed on.
+    pub(super) is_forecast: bool,
 }
 
 impl BandTracer<'_> {

@@ -6,9 +6,11 @@
 use super::asymmetric::AsymmetricLens;
 use super::band_widths::BandWidths;
 use crate::args::TracingArgs;
+use anyhow::Result;
 use pipeline::band::{BandPlan, Options};
 use pipeline::depth::plan::Surfaces;
 use pipeline::design::System;
+use pipeline::design::depth::estimate::DepthEstimate;
 use pipeline::design::depth::trace::DepthOptions;
 use pipeline::design::trace::{Azimuths, LensTrace, PsfHeights, TraceOptions};
 use pipeline::geometry::Frame;
@@ -27,6 +29,19 @@ const PITCHES: [f64; 10] = [1.0, 1.25, 1.6, 2.0, 2.5, 3.15, 4.0, 5.0, 6.3, 8.0];
 /// Relative amount by which a trace pitch may exceed the film's.
 const PITCH_TOLERANCE: f64 = 1e-3;
 
+/// A design with estimated depth nodes, of one band at its primary wavelength.
+pub struct EstimatedLens {
+    /// Its tables.
+    pub lens: Lens,
+    /// Largest L1 error of a kernel half-way between nodes.
+    pub l1: f64,
+    /// What tracing the band's nodes needs.
+    pub needed: DepthEstimate,
+}
+
+/// What is done with the estimated depth nodes of a design before the first of them is traced.
+pub type BeforeTrace<'a> = dyn Fn(&EstimatedLens) -> Result<()> + Sync + 'a;
+
 /// Surfaces for which a design is traced at several object distances.
 #[derive(Clone, Copy)]
 pub struct TracedFor<'a> {
@@ -34,6 +49,8 @@ pub struct TracedFor<'a> {
     pub surfaces: &'a Surfaces,
     /// Focus, range of the nodes, and accuracy between them.
     pub options: DepthOptions,
+    /// Called once, unless all bands are in the cache; its error ends the trace.
+    pub before_trace: Option<&'a BeforeTrace<'a>>,
 }
 
 /// A design and what it is traced for.

@@ -2,6 +2,7 @@
 
 use pipeline::band::BandPlan;
 use pipeline::depth::plan::DepthPlan;
+use pipeline::geometry::Frame;
 
 /// Bytes of the largest spectrum of `plan`.
 pub(super) fn largest_spectrum(plan: &BandPlan) -> usize {
@@ -16,8 +17,12 @@ pub(super) fn largest_psf(plan: &BandPlan) -> usize {
     plan.depth.as_ref().map_or(of_height, DepthPlan::max_psf_bytes)
 }
 
-/// Bytes of all PSFs of `plan` that are read on demand, ready for kernels.
-pub(super) fn psfs_on_demand(plan: &BandPlan) -> usize {
+/// Bytes of all PSFs of `plan` that the film of `frame` reads on demand, ready for kernels.
+pub(super) fn psfs_on_demand(plan: &BandPlan, frame: &Frame) -> usize {
     let of_band = if plan.reads_on_demand() { plan.kernels_bytes() } else { 0 };
-    plan.depth.as_ref().map_or(of_band, DepthPlan::kernels_bytes)
+    let of_nodes = |depth: &DepthPlan| {
+        let read = plan.tiling.grown().grown(depth.margin());
+        depth.kernels_bytes(frame.farthest_mm(read) / frame.pitch_mm())
+    };
+    plan.depth.as_ref().map_or(of_band, of_nodes)
 }

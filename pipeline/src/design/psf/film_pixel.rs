@@ -97,6 +97,10 @@ fn bessel_i0(x: f64) -> f64 {
     for k in 1..40 {
         term *= (x / (2.0 * f64::from(k))).powi(2);
         sum += term;
+        // All further terms are smaller.
+        if term < 1e-17 * sum && f64::from(k) > x {
+            break;
+        }
     }
     sum
 }

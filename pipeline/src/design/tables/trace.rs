@@ -18,14 +18,15 @@ pub use super::options::{Azimuths, MAX_NODES, PsfHeights, TraceOptions};
 pub use super::refine::NodeError;
 pub use super::shared_nodes::{SharedNodes, node_wavelengths};
 pub use super::window::LEAST_TAIL_WINDOW_PX;
-use super::window::{Windows, core_samples, for_tails, half_samples, window};
+use super::window::{Windows, core_samples, expected, for_tails, half_samples, window};
 use crate::bounds::{PSF_ENERGY, TRANSMISSION};
 use crate::design::prescription::error::DesignError;
 use crate::design::prescription::system::System;
 use crate::design::psf::pupil_stack::{PupilStack, normalise};
 pub use crate::design::psf::tails::NoTail;
 use crate::design::psf::tails::{band_tail, blur_um};
-use crate::design::psf::{PsfGrid, PsfScratch, PupilFunction};
+use crate::design::psf::{PsfGrid, PsfScratch};
+use crate::design::pupil::bundle::Bundle;
 use crate::design::pupil::edge::Edge;
 use crate::design::pupil::illumination::{irradiance_sr, irradiance_table};
 use crate::design::pupil::pupils::Pupils;
@@ -113,14 +114,31 @@ pub(in crate::design) struct Sampled<'t> {
     pub(super) core: PsfGrid,
 }
 
+impl Sampled<'_> {
+    /// Its windows.
+    pub(super) fn windows(&self) -> Windows {
+        Windows { px: self.window_px, core_px: self.core_px }
+    }
+}
+
 /// Trace of a lens.
-#[derive(Debug)]
+#[derive(Clone, Debug)]
 pub struct LensTrace<'a> {
     pub(super) system: &'a System,
     pub(super) options: &'a TraceOptions,
     primary: Paraxial,
     tails: bool,
     band: Option<BandRange>,
+    sampling: Sampling,
+}
+
+/// How the PSFs of a depth node are sampled.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+pub(super) struct Sampling {
+    /// Windows that are known; none if they are determined by the light of PSFs.
+    pub(super) windows: Option<Windows>,
+    /// Whether the samples are those of kernels that are compared ([`core_samples`]): a wide blur has hardly any light at frequencies that they alias.
+    pub(super) is_coarse: bool,
 }
 
 impl<'a> LensTrace<'a> {
@@ -135,7 +153,8 @@ impl<'a> LensTrace<'a> {
         for nm in &options.wavelengths_nm {
             Tracer::new(system, nm / 1e3)?.field_of_height(options.max_height_mm)?;
         }
-        Ok(Self { system, options, primary, tails: false, band: None })
+        let (tails, band, sampling) = (false, None, Sampling::default());
+        Ok(Self { system, options, primary, tails, band, sampling })
     }
 
     /// Checks options that do not depend on a lens.
@@ -156,6 +175,32 @@ impl<'a> LensTrace<'a> {
     #[must_use]
     pub fn over(self, band: Option<BandRange>) -> Self {
         Self { band, ..self }
+    }
+
+    /// What it traces.
+    pub(super) fn options(&self) -> &'a TraceOptions {
+        self.options
+    }
+
+    /// With PSFs sampled as `sampling` states.
+    #[must_use]
+    pub(super) fn sampled_as(self, sampling: Sampling) -> Self {
+        Self { sampling, ..self }
+    }
+
+    /// The windows of band `index` as estimated from rays.
+    ///
+    /// # Errors
+    /// A ray that does not reach the image.
+    pub(super) fn expected_windows(&self, index: usize) -> Result<Windows, DesignError> {
+        let tracer = Tracer::new(self.system, self.options.wavelengths_nm[index] / 1e3)?;
+        let last_mm = self.options.max_height_mm;
+        let bundles: Vec<Bundle> = [0.0, 0.5, 1.0]
+            .into_par_iter()
+            .map(|share| Bundle::trace(&tracer, tracer.field_of_height(share * last_mm)?, 12, 16))
+            .collect::<Result<_, DesignError>>()?;
+        let pitch_um = self.pitch(bundles.iter().map(Bundle::nyquist_um))?;
+        Ok(expected(self.options, bundles.iter(), pitch_um))
     }
 
     /// The lens without its bands.
@@ -305,9 +350,11 @@ impl<'a> LensTrace<'a> {
         // Those of the kernels that are examined first.
         let heights: Vec<f64> = (0..=12).map(|i| last_mm * f64::from(i) / 12.0).collect();
         let pupils = Pupils::new(tracer, &heights)?;
-        let pitch_um = self.pitch(heights.iter().map(|h| pupils.at(*h)))?;
-        let Windows { px: plain_px, core_px } = match options.window_px {
-            Some(px) => Windows { px, core_px: px },
+        let pitch_um = self.pitch(heights.iter().map(|h| pupils.at(*h).nyquist_um()))?;
+        let is_determined = options.window_px.is_none() && self.sampling.windows.is_none();
+        let given = options.window_px.map(|px| Windows { px, core_px: px }).or(self.sampling.windows);
+        let Windows { px: plain_px, core_px } = match given {
+            Some(windows) => windows,
             None => window(options, tracer, (&heights, &pupils), pitch_um)?,
         };
         let edges: Option<Vec<Edge>> = (self.tails && self.band.is_none())
@@ -318,11 +365,18 @@ impl<'a> LensTrace<'a> {
             }
             _ => plain_px,
         };
-        report("window", if options.window_px.is_some() { 0 } else { heights.len() });
-        let grid = PsfGrid::new(half_samples(window_px, options.film_pitch_um, pitch_um), pitch_um);
+        report("window", if is_determined { heights.len() } else { 0 });
+        let (half, psf_pitch_um) = match self.sampling.is_coarse {
+            false => (half_samples(window_px, options.film_pitch_um, pitch_um), pitch_um),
+            true => core_samples(window_px, options.film_pitch_um, pitch_um),
+        };
+        let grid = PsfGrid::new(half, psf_pitch_um);
         let (core_half, core_pitch_um) = core_samples(core_px, options.film_pitch_um, pitch_um);
         let core = PsfGrid::new(core_half, core_pitch_um);
-        let budget_side = 2 * half_samples(plain_px, options.film_pitch_um, pitch_um) + 1;
+        let budget_side = match self.sampling.is_coarse {
+            false => 2 * half_samples(plain_px, options.film_pitch_um, pitch_um) + 1,
+            true => grid.size(),
+        };
         Ok(Sampled { pupils, last_mm, first: heights, edges, window_px, grid, budget_side, core_px, core })
     }
 
@@ -375,8 +429,8 @@ impl<'a> LensTrace<'a> {
         Ok((0..points).map(|i| last * i as f64 / (points - 1) as f64).collect())
     }
 
-    fn pitch<'p>(&self, pupils: impl Iterator<Item = &'p PupilFunction>) -> Result<f64, DesignError> {
-        let nyquist = pupils.map(PupilFunction::nyquist_um).fold(f64::INFINITY, f64::min);
+    fn pitch(&self, nyquist_um: impl Iterator<Item = f64>) -> Result<f64, DesignError> {
+        let nyquist = nyquist_um.fold(f64::INFINITY, f64::min);
         match self.options.psf_pitch_um {
             Some(pitch) if pitch > nyquist => Err(DesignError::Option {
                 option: "psf pitch",

@@ -27,7 +27,7 @@ const MARGIN: f64 = 0.95;
 /// Rounds of placing and measuring.
 const ROUNDS: usize = 4;
 /// Cells that are measured in a round; of more, this many evenly spaced ones.
-const MEASURED: usize = 48;
+const MEASURED: usize = 32;
 /// Further rounds where not all cells are measured, each for less of the tolerance by this factor.
 const STRICTER: (usize, f64) = (8, 0.85);
 /// Rounds of measuring for an estimate after the probes, and cells of each.
@@ -271,6 +271,8 @@ struct Kernels<'a> {
     options: &'a NodeOptions,
     pitch_um: f64,
     computed: BTreeMap<Key, OfFields>,
+    /// Shares of samples in film pixels, by half the window, px.
+    pixels: BTreeMap<usize, FilmPixels>,
 }
 
 impl<'a> Kernels<'a> {
@@ -289,7 +291,8 @@ impl<'a> Kernels<'a> {
         }
         let film = options.film_pitch_um;
         let pitch_um = film / (film / (0.9 * nyquist)).ceil();
-        Ok(Self { system, um, heights_mm, options, pitch_um, computed: BTreeMap::new() })
+        let (computed, pixels) = (BTreeMap::new(), BTreeMap::new());
+        Ok(Self { system, um, heights_mm, options, pitch_um, computed, pixels })
     }
 
     /// Half a window that holds the blur at `v` with its rim, px; a multiple of 8, of 2 on coarse pixels, so that neighbours share kernels.
@@ -307,20 +310,38 @@ impl<'a> Kernels<'a> {
             let (v, h) = *cell;
             [v - h, v, v + h].map(|v| (v.max(0.0).to_bits(), half(cell)))
         };
-        let mut missing: Vec<Key> = cells.iter().flat_map(keys).collect();
+        let cell_keys: Vec<[Key; 3]> = cells.iter().map(keys).collect();
+        let mut missing: Vec<Key> = cell_keys.concat();
         missing.sort_unstable();
         missing.dedup();
         missing.retain(|key| !self.computed.contains_key(key));
+        let mut halves: Vec<usize> = missing.iter().map(|key| key.1).collect();
+        halves.sort_unstable();
+        halves.dedup();
+        halves.retain(|half| !self.pixels.contains_key(half));
+        let pixels: Vec<(usize, FilmPixels)> =
+            halves.into_par_iter().map(|half| (half, self.film_pixels(half))).collect();
+        self.pixels.extend(pixels);
         let computed: Vec<(Key, OfFields)> = missing
             .into_par_iter()
             .map(|key| Ok((key, self.kernels(f64::from_bits(key.0), key.1)?)))
             .collect::<Result<_, DesignError>>()?;
-        let cell_keys: Vec<[Key; 3]> = cells.iter().map(keys).collect();
         self.computed.extend(computed);
         let errors = cell_keys.iter().map(|keys| self.error(*keys)).collect();
         // Neighbouring cells share kernels; those of another round lie elsewhere.
         self.computed.clear();
         Ok(errors)
+    }
+
+    /// Samples of PSFs whose kernels have `2 half_px + 1` film pixels.
+    fn grid(&self, half_px: usize) -> PsfGrid {
+        let (half, pitch_um) = core_samples(2 * half_px + 1, self.options.film_pitch_um, self.pitch_um);
+        PsfGrid::new(half, pitch_um)
+    }
+
+    fn film_pixels(&self, half_px: usize) -> FilmPixels {
+        let grid = self.grid(half_px);
+        FilmPixels::new(grid.size(), grid.pitch_um(), 2 * half_px + 1, self.options.film_pitch_um)
     }
 
     fn error(&self, keys: [Key; 3]) -> Errors {
@@ -336,10 +357,8 @@ impl<'a> Kernels<'a> {
     fn kernels(&self, v: f64, half_px: usize) -> Result<OfFields, DesignError> {
         let system = self.system.at_vergence(v)?;
         let tracer = Tracer::new(&system, self.um)?;
-        let (film, px) = (self.options.film_pitch_um, 2 * half_px + 1);
-        let (half, pitch_um) = core_samples(px, film, self.pitch_um);
-        let grid = PsfGrid::new(half, pitch_um);
-        let pixels = FilmPixels::new(grid.size(), pitch_um, px, film);
+        let grid = self.grid(half_px);
+        let pixels = &self.pixels[&half_px];
         let (mut scratch, mut psf) = (PsfScratch::default(), Vec::new());
         self.heights_mm
             .iter()

@@ -1,8 +1,10 @@
 //! PSFs of a lens at several object distances, on one film plane.
 //!
-//! Each depth node is a trace of its own ([`LensTrace`]) with the object at the node's vergence and a window of its own. Heights and azimuths are chosen
-//! at some nodes; others of a similar blur take those of the last chosen one as long as their errors are about the same
-//! (`adopt` of the choice of nodes, design/grid.rs): most of the PSFs that a trace computes serve that choice.
+//! Each depth node is a trace of its own ([`LensTrace`]) with the object at the node's vergence and a window of its own. Windows, heights and azimuths are
+//! chosen at some nodes; others of a similar blur take those of the last chosen one as long as their errors are about the same
+//! (`adopt` of the choice of nodes, design/grid.rs): most of the PSFs that a trace computes serve that choice. Their windows grow as those that rays give.
+//! PSFs of a blur radius of 4 film px and more are sampled up to 1.5 times coarser, as those whose kernels are compared: pixels then average over at least two
+//! samples a side, and the light at frequencies between the two Nyquist limits is little.
 //! The tables of the band are those of an object at infinity (heights) and of the vergence in focus (light), see [`crate::lens::depth`]:
 //!
 //! ```text
@@ -17,7 +19,10 @@ use crate::design::prescription::system::{RayAiming, System};
 use crate::design::rays::paraxial::Paraxial;
 use crate::design::rays::ray::Tracer;
 use crate::design::tables::grid::Chosen;
-use crate::design::tables::trace::{BandReport, LensTrace, OnProgress, TraceOptions, transmission};
+use crate::design::tables::trace::{
+    BandReport, LensTrace, OnProgress, Sampling, TraceOptions, TracedBand, transmission,
+};
+use crate::design::tables::window::Windows;
 use crate::lens::depth::{BandDepth, DepthNode, LensDepth};
 use crate::lens::{Lens, LensBand, PsfStack, linear};
 
@@ -30,6 +35,8 @@ pub struct DepthOptions {
     pub range: (f64, f64),
     /// Maximum L1 error of a kernel half-way between nodes.
     pub tolerance: f64,
+    /// Whether wide PSFs are sampled for films of the trace's pitch and coarser ones only, up to 1.5 times coarser.
+    pub is_for_film: bool,
 }
 
 /// A band traced at its depth nodes, without PSFs.
@@ -75,6 +82,36 @@ pub fn header(system: &System, options: &DepthOptions) -> Result<LensDepth, Desi
 
 /// Blur radii that differ by no more than this, px, or this share of the one where heights and azimuths were chosen, are similar.
 const SIMILAR: (f64, f64) = (6.0, 0.3);
+/// Blur radii that differ by no more than this share of one where the errors of heights and azimuths were measured have the same errors.
+const SAME: f64 = 0.1;
+/// Blur radius from which on PSFs are sampled as coarsely as kernels that are compared, px.
+pub(super) const COARSE_PX: f64 = 4.0;
+/// Share of the light that a window from rays may leave out beyond that of the window where nodes were chosen.
+const LIGHT: f64 = 2e-3;
+
+/// What nodes of a similar blur share.
+#[derive(Clone, Debug)]
+struct Reference {
+    /// Blur radius where heights and azimuths were chosen, px, positive for what is nearer than the focus.
+    blur_px: f64,
+    /// Blur radius where their errors were last measured, px.
+    measured_px: f64,
+    chosen: Chosen,
+    /// Windows there, and those that rays give there.
+    windows: (Windows, Windows),
+    /// Least share of the light in them.
+    light: f64,
+}
+
+impl Reference {
+    /// Windows of the blur whose rays give `expected`, in windows of at most `most_px`.
+    fn windows(&self, expected: Windows, most_px: usize) -> Windows {
+        let (found, there) = self.windows;
+        let moved = |found: usize, there: usize, here: usize| (found + here).saturating_sub(there).max(3);
+        let px = moved(found.px, there.px, expected.px).min(most_px);
+        Windows { px, core_px: moved(found.core_px, there.core_px, expected.core_px).min(px) }
+    }
+}
 
 /// Traces band `index` of `trace` at the depth nodes `placement` ([`nodes`], or some of them) and passes the PSFs of each node to `sink`.
 ///
@@ -90,26 +127,18 @@ pub fn band<E: std::fmt::Display>(
 ) -> Result<TracedDepth, DesignError> {
     let nm = trace.wavelengths_nm[index];
     let blur_px = header(system, options)?.blur_per_dioptre_um / trace.film_pitch_um;
-    let mut chosen: Option<(f64, Chosen)> = None;
+    let mut reference: Option<Reference> = None;
     let far = Dense::new(&system.at_vergence(0.0)?, trace, nm)?;
     let focused = Dense::new(&system.at_vergence(options.focus)?, trace, nm)?;
     let in_focus: Vec<f64> = far.real.iter().map(|r| linear(&focused.real, &focused.light, *r)).collect();
     let (mut list, mut reports, mut shift) = (Vec::new(), Vec::new(), vec![0.0; far.real.len()]);
     for (d, v) in placement.vergence.iter().enumerate() {
         let moved = system.at_vergence(*v)?;
-        let lens = LensTrace::new(&moved, trace)?;
         let blur = blur_px * (v - options.focus);
-        chosen = chosen.filter(|(at, _)| (blur - at).abs() <= SIMILAR.0.max(SIMILAR.1 * at.abs()));
-        let traced = lens.band_at(index, on_progress, |sampled, report| {
-            if let Some((_, chosen)) = &chosen
-                && let Some(adopted) = lens.adopt(sampled, chosen, report)?
-            {
-                return Ok(adopted);
-            }
-            let found = lens.choose(sampled, report)?;
-            chosen = Some((blur, found.clone()));
-            Ok(found)
-        })?;
+        let lens = LensTrace::new(&moved, trace)?;
+        reference =
+            reference.filter(|r| (blur - r.blur_px).abs() <= SIMILAR.0.max(SIMILAR.1 * r.blur_px.abs()));
+        let traced = node(lens, index, (blur, options.is_for_film), &mut reference, on_progress)?;
         sink(d, &traced.psf).map_err(|e| DesignError::Sink { wavelength_nm: nm, problem: e.to_string() })?;
         let t = traced.tables;
         let axis = t.solid_angle_sr * t.transmission;
@@ -149,6 +178,63 @@ pub fn band<E: std::fmt::Display>(
     };
     nodes.set_psfs(&mut tables, nodes.nearest(options.focus));
     Ok(TracedDepth { tables, nodes, placement, reports })
+}
+
+/// Traces band `index` of `lens`, whose object has a blur radius of `blur_px`, with the windows, heights and azimuths of `reference` where their errors are about
+/// the same, else with its own, which become the reference.
+fn node(
+    lens: LensTrace<'_>,
+    index: usize,
+    (blur_px, is_for_film): (f64, bool),
+    reference: &mut Option<Reference>,
+    on_progress: OnProgress<'_>,
+) -> Result<TracedBand, DesignError> {
+    let trace = lens.options();
+    let is_coarse = is_for_film && blur_px.abs() >= COARSE_PX;
+    let expected = match trace.window_px {
+        Some(px) => Windows { px, core_px: px },
+        None => lens.expected_windows(index)?,
+    };
+    if let Some(known) = reference.as_mut() {
+        let windows = known.windows(expected, trace.max_window_px);
+        let lens = lens.clone().sampled_as(Sampling { windows: Some(windows), is_coarse });
+        let mut is_adopted = true;
+        let traced = lens.band_at(index, on_progress, |sampled, report| {
+            if (blur_px - known.measured_px).abs() <= SAME * known.measured_px.abs() {
+                return Ok(known.chosen.clone());
+            }
+            if let Some(adopted) = lens.adopt(sampled, &known.chosen, report)? {
+                known.measured_px = blur_px;
+                return Ok(adopted);
+            }
+            is_adopted = false;
+            let found = lens.choose(sampled, report)?;
+            (known.blur_px, known.measured_px, known.chosen) = (blur_px, blur_px, found.clone());
+            Ok(found)
+        })?;
+        let light = traced.report.min_energy;
+        if trace.window_px.is_some() || light >= known.light.min(trace.energy) - LIGHT {
+            if !is_adopted {
+                (known.windows, known.light) = ((windows, expected), light);
+            }
+            return Ok(traced);
+        }
+    }
+    let lens = lens.sampled_as(Sampling { windows: None, is_coarse });
+    let mut found = None;
+    let traced = lens.band_at(index, on_progress, |sampled, report| {
+        let chosen = lens.choose(sampled, report)?;
+        found = Some((chosen.clone(), sampled.windows()));
+        Ok(chosen)
+    })?;
+    *reference = found.map(|(chosen, windows)| Reference {
+        blur_px,
+        measured_px: blur_px,
+        chosen,
+        windows: (windows, expected),
+        light: traced.report.min_energy,
+    });
+    Ok(traced)
 }
 
 /// Depth nodes of band `index` of `trace` over the range of `options`, those on either side of focus apart.
