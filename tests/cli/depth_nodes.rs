@@ -135,7 +135,7 @@ fn nodes_of_similar_blur_share_heights_within_their_tolerance() {
     }
 }
 
-/// Kernels of 2 µm pixels: of PSFs for any film, and of those for films of this pitch.
+/// Kernels of 2 µm pixels, blur of 0 and 5 px: of PSFs for any film, and of those for films of this pitch, within the tolerance of nodes, 0.02.
 #[test]
 fn wide_psfs_for_a_film_have_fewer_samples_and_the_same_kernels() {
     let system = BuiltinLens::named("phone").unwrap().system();
@@ -143,9 +143,9 @@ fn wide_psfs_for_a_film_have_fewer_samples_and_the_same_kernels() {
     let mut trace = TraceOptions::new(vec![550.0], 1.0);
     trace.heights = PsfHeights::Given(vec![0.0, 1.0]);
     trace.azimuths = Azimuths::Given(4);
-    let placement = || Placement { vergence: vec![2.5, 3.5, 3.55], l1: 0.0, esf: 0.0 };
+    let placement = || Placement { vergence: vec![2.5, 6.5, 6.55], l1: 0.0, esf: 0.0 };
     let traced = |is_for_film: bool| {
-        let options = DepthOptions { focus: 2.5, range: (2.5, 3.55), tolerance: 0.02, is_for_film };
+        let options = DepthOptions { focus: 2.5, range: (2.5, 6.55), tolerance: 0.02, is_for_film };
         let mut stacks = Vec::new();
         let sink = |_: usize, stack: &PsfStack| {
             stacks.push(stack.clone());
@@ -157,7 +157,8 @@ fn wide_psfs_for_a_film_have_fewer_samples_and_the_same_kernels() {
     let ((any, _), (film, of_film)) = (traced(false), traced(true));
     assert_eq!(any[0], film[0], "in focus");
     for node in [1, 2] {
-        assert!(film[node].pitch_um > 1.3 * any[node].pitch_um && film[node].pitch_um <= 1.0, "{node}");
+        let (fine_um, coarse_um) = (any[node].pitch_um, film[node].pitch_um);
+        assert!(coarse_um > 1.3 * fine_um && coarse_um <= 1.0, "node {node}: {fine_um} and {coarse_um} um");
         assert!(of_film.nodes.nodes[node].psf_energy.iter().all(|share| *share > 0.985), "{node}");
         for row in 0..2 {
             let kernel = |stack: &PsfStack| {
@@ -167,7 +168,7 @@ fn wide_psfs_for_a_film_have_fewer_samples_and_the_same_kernels() {
             let (a, b) = (kernel(&any[node]), kernel(&film[node]));
             let l1: f32 = std::iter::zip(&a, &b).map(|(a, b)| (a - b).abs()).sum();
             println!("node {node}, height {row}: L1 {l1:.1e}");
-            assert!(a.len() == b.len() && l1 < 3e-3, "node {node}, height {row}: {l1}");
+            assert!(a.len() == b.len() && l1 < 0.015, "node {node}, height {row}: {l1}");
         }
     }
 }

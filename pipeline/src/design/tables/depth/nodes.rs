@@ -27,7 +27,7 @@ const MARGIN: f64 = 0.95;
 /// Rounds of placing and measuring.
 const ROUNDS: usize = 4;
 /// Cells that are measured in a round; of more, this many evenly spaced ones.
-const MEASURED: usize = 32;
+const MEASURED: usize = 48;
 /// Further rounds where not all cells are measured, each for less of the tolerance by this factor.
 const STRICTER: (usize, f64) = (8, 0.85);
 /// Rounds of measuring for an estimate after the probes, and cells of each.
