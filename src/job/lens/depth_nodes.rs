@@ -26,8 +26,9 @@ use std::sync::atomic::{AtomicUsize, Ordering::Relaxed};
 /// Samples of PSFs that a core computes in a second, for wide PSFs, measured on a Xeon with AVX-512.
 pub const SAMPLES_PER_S: f64 = 2e7;
 
-/// Seconds of a core for the pupil function of a PSF: 20.7 core seconds of 135 nodes with windows of 37 to 191 px of 2 µm, less those of the samples.
-const PSF_S: f64 = 0.005;
+/// Samples per second and seconds for the pupil function of a PSF, of the PSFs of depth nodes: they share choices, so that fewer are computed than the estimate
+/// counts. 4.5, 7.0, 3.1 and 17 core seconds of 22, 26, 34 and 147 nodes, estimated 4.1, 8.3, 4.8 and 17 (scripts/bench/2026-11-26-depth).
+const OF_NODES: (f64, f64) = (3e7, 0.0033);
 
 /// Seconds of one core from which on the trace of a band is announced.
 const LONG_S: f64 = 10.0;
@@ -127,7 +128,7 @@ impl BandTracer<'_> {
 
 /// Core seconds that depth nodes take to trace.
 pub fn trace_core_s(estimate: &DepthEstimate) -> f64 {
-    estimate.samples / SAMPLES_PER_S + estimate.computed as f64 * PSF_S
+    estimate.samples / OF_NODES.0 + estimate.computed as f64 * OF_NODES.1
 }
 
 /// Seconds on `cores` cores that depth nodes take to trace, and what they need.

@@ -15,8 +15,8 @@ use crate::design::tables::window::coarse_um;
 
 use super::trace::{COARSE_PX, DepthOptions, header};
 
-/// Heights of a node without a limit: 4 to 6 of a Double Gauss up to 1.5 mm, 50 to 60 up to 21 mm; further ones per tangent of the field angle.
-const HEIGHTS: (f64, f64, f64) = (3.0, 250.0, 56.0);
+/// Heights of a node without a limit: 4 to 6 of a Double Gauss up to 1.9 mm, 50 to 60 up to 21 mm; further ones per tangent of the field angle.
+const HEIGHTS: (f64, f64, f64) = (2.0, 250.0, 56.0);
 /// PSFs of placing the nodes, for each of them but at most for so many: some rounds, of which each computes two or three PSFs at two heights.
 const PLACING_PSFS: usize = 16;
 const PLACING_CELLS: usize = 96;
@@ -29,6 +29,9 @@ const RIM_PX: (f64, f64) = (12.0, 2.0);
 const RIM_UM: f64 = 24.0;
 /// Half a window over the blur radius: aberrations widen the rim.
 const RIM: f64 = 1.2;
+
+/// Blur radius from which on rays give the window, px.
+const WIDE_PX: f64 = 10.0;
 
 /// What depth nodes of a band need.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
@@ -84,9 +87,22 @@ pub fn estimate(
     let heights = (HEIGHTS.0 + HEIGHTS.1 * trace.max_height_mm / focal_mm).min(HEIGHTS.2);
     let mut total = DepthEstimate { window_px: (usize::MAX, 0), ..DepthEstimate::default() };
     let mut of_a_psf = 0.0;
+    // Half the windows that rays give at the ends of the range, where they are wide, over the blur radius: spherical aberration narrows or widens them.
+    let ends = [options.range.0, options.range.1].map(|v| -> Result<f64, DesignError> {
+        let rho = blur_px * (v - options.focus).abs();
+        if rho < WIDE_PX {
+            return Ok(2.0);
+        }
+        let moved = system.at_vergence(v)?;
+        let px = LensTrace::new(&moved, trace)?.expected_windows(index)?.px;
+        Ok((px.saturating_sub(in_focus.window_px) as f64 / rho).clamp(1.0, 2.5))
+    });
+    let [far, near] = ends;
+    let (far, near) = (far?, near?);
     for v in vergence {
         let rho = blur_px * (v - options.focus).abs();
-        let px = (in_focus.window_px + (2.0 * rho) as usize).min(trace.max_window_px);
+        let wider = if *v < options.focus { far } else { near };
+        let px = (in_focus.window_px + (wider * rho) as usize).min(trace.max_window_px);
         let is_coarse = options.is_for_film && rho >= COARSE_PX;
         let samples = (px as f64 * if is_coarse { coarse_per_px } else { samples_per_px }).powi(2);
         let heights = heights.min(max_samples(trace) as f64 / samples).max(3.0) as usize;
