@@ -11,6 +11,7 @@ use crate::job::default_options;
 use crate::job::lens::depth_nodes::trace_core_s;
 use crate::job::lens::{TracedFor, UntracedLens, estimated};
 use crate::job::memory::Memory;
+use crate::job::tile_cost::correction_s;
 use crate::machine::{MAX_DEFAULT, MemoryLimit, threads};
 use crate::open::{self, Chart, ChartFlags};
 use anyhow::Result;
@@ -60,6 +61,8 @@ pub struct PlannedBand {
     pub untraced: Option<UntracedNodes>,
     /// Core seconds of the band.
     pub core_s: f64,
+    /// The part of them that corrects surfaces out of focus.
+    pub correction_core_s: f64,
     /// Of the same film of a flat chart in focus.
     pub flat_core_s: f64,
     /// Memory of the run.
@@ -230,11 +233,11 @@ fn planned(
             clamped
         }
     };
-    let cost = |plan: &BandPlan| {
+    let tiles = |plan: &BandPlan| -> Vec<(usize, usize)> {
         let (rows, columns) = plan.tiling.count();
-        let tiles: Vec<_> = (0..rows).flat_map(|i| (0..columns).map(move |j| (i, j))).collect();
-        core_s(plan, default_stages(), &tiles)
+        (0..rows).flat_map(|i| (0..columns).map(move |j| (i, j))).collect()
     };
+    let cost = |plan: &BandPlan| core_s(plan, default_stages(), &tiles(plan));
     let index = plan.lens_bands.first;
     let nodes = tables.depth.as_ref().map(|depth| &depth.bands[index]);
     let mut flat = tables.clone();
@@ -252,7 +255,8 @@ fn planned(
         }
     };
     let (core_s, flat_core_s) = (cost(&plan), cost(&flat));
-    Ok(PlannedBand { plan, nm, vergences, untraced, core_s, flat_core_s, memory })
+    let correction_core_s = correction_s(&plan, &tiles(&plan));
+    Ok(PlannedBand { plan, nm, vergences, untraced, core_s, correction_core_s, flat_core_s, memory })
 }
 
 /// Memory of a run of this band.

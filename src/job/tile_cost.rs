@@ -26,8 +26,10 @@ const REACHED_SLAB: f64 = 3.0 * COMPUTED;
 const REMAP_OF_A_SLAB_NS: f64 = 22.0;
 /// Invented surfaces, ns per pixel of a tile with its margin.
 const INVENTED_NS: f64 = 220.0;
+/// Correction of two surfaces out of focus, ns per pixel of a tile and slab that it sees.
+const CORRECTED_SLAB_NS: f64 = 700.0;
 
-/// Core seconds of a tile of a depth stage: convolutions at the mean cost of the nodes, with their kernels; remap.
+/// Core seconds of a tile of a depth stage: convolutions at the mean cost of the nodes, with their kernels; remap; correction.
 fn depth_tile_s(plan: &BandPlan, depth: &DepthPlan, tile: (usize, usize)) -> f64 {
     let pixels = plan.tiling.rect(tile).size().pixels() as f64;
     let grown = plan.tiling.rect(tile).grown(depth.margin()).size().pixels() as f64;
@@ -41,6 +43,18 @@ fn depth_tile_s(plan: &BandPlan, depth: &DepthPlan, tile: (usize, usize)) -> f64
     let invented_ns = if work.may_invent { INVENTED_NS } else { 0.0 };
     let remap_ns = REMAP_OF_A_SLAB_NS * work.slabs as f64 + invented_ns;
     1e-9 * ((convolutions * convolution_ns + remap_ns) * grown + OTHER_STAGES_NS * pixels)
+        + tile_correction_s(plan, depth, tile)
+}
+
+/// Core seconds of the correction of a tile.
+fn tile_correction_s(plan: &BandPlan, depth: &DepthPlan, tile: (usize, usize)) -> f64 {
+    let work = depth.tile_work[tile.0 * plan.tiling.count().1 + tile.1];
+    1e-9 * CORRECTED_SLAB_NS * work.corrected * plan.tiling.rect(tile).size().pixels() as f64
+}
+
+/// The part of [`core_s`] that corrects surfaces out of focus.
+pub fn correction_s(plan: &BandPlan, tiles: &[(usize, usize)]) -> f64 {
+    plan.depth.iter().flat_map(|depth| tiles.iter().map(|tile| tile_correction_s(plan, depth, *tile))).sum()
 }
 
 /// Seconds of one core with `stages`.

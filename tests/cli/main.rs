@@ -10,6 +10,7 @@ mod band_samples;
 mod bounds;
 mod check_input;
 mod depth;
+mod depth_cells;
 mod depth_edges;
 mod depth_inputs;
 mod depth_nodes;

@@ -27,6 +27,7 @@ mod convolve;
 use super::counts::Counts;
 use super::pieces::cell::{CellScratch, Correction};
 use super::pieces::correction::may_need;
+use super::pieces::edges::Edges;
 use super::pieces::layer::{FLOOR, Layer};
 use super::pieces::shape::Shape;
 use super::planes::{Planes, SlabPlanes};
@@ -64,6 +65,7 @@ pub(super) struct CompositeScratch {
     free: Vec<Vec<f32>>,
     /// Whether the tile may need the correction of surfaces out of focus, and what that needs of the slabs composited so far.
     is_corrected: bool,
+    edges: Edges,
     layers: Vec<Layer>,
     doubt: Vec<f32>,
     cell: CellScratch,
@@ -123,6 +125,10 @@ impl Composite<'_> {
         s.is_corrected = self.shape.is_some() && may_need(self.slabs, planes);
         s.free.extend(s.layers.drain(..).filter_map(|layer| layer.gain));
         if s.is_corrected {
+            s.edges.find(self.slabs, planes);
+            s.is_corrected = !s.edges.is_empty();
+        }
+        if s.is_corrected {
             s.doubt.clear();
             s.doubt.resize(n, 0.0);
         }
@@ -135,10 +141,10 @@ impl Composite<'_> {
         }
         if let Some(shape) = self.shape.filter(|_| s.is_corrected) {
             let (frame, slabs, margin) = (self.frame, self.slabs, self.margin);
-            let CompositeScratch { layers, doubt, passing, cell, .. } = s;
+            let CompositeScratch { edges, layers, doubt, passing, cell, .. } = s;
             Correction { frame, slabs, shape, margin }.add(
                 tile,
-                planes,
+                (planes, edges),
                 (layers, doubt, passing),
                 film,
                 cell,

@@ -1,6 +1,6 @@
 //! Memory of the depth stage, bytes.
 
-use super::pieces::cell;
+use super::pieces::{cell, edges};
 use super::plan::{DepthPlan, NodePlan};
 use crate::psf::memory;
 use crate::tiling::Tiling;
@@ -28,7 +28,9 @@ impl DepthPlan {
         let of_slabs = 12 * (tile + 2 * self.reach) * self.max_slab_rows + 12 * read;
         let tile_planes = TILE_PLANES + slabs.min(self.max_near + 1);
         // The correction of surfaces out of focus keeps what it needs of all slabs.
-        let corrected = 4 * tile * tile * slabs + cell::bytes(self.max_near, self.margin());
+        let corrected = 4 * tile * tile * slabs
+            + cell::bytes(self.max_near, self.margin())
+            + edges::BYTES_PER_PIXEL * grown;
         let planes = 4 * grown * OTHER_PLANES + of_slabs + 4 * tile * tile * tile_planes + corrected;
         let hidden = match self.reach > self.margin() {
             true => BYTES_PER_SOURCE_PIXEL * read + grown * (BYTES_PER_HIDDEN_PIXEL + 16 * slabs),

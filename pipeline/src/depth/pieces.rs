@@ -23,11 +23,14 @@
 //! The correction is geometric; the film that it is added to has the diffraction. It is 0 for a uniform rear surface, and where one of the two surfaces is
 //! in focus. Against rays through a thin lens (33 scenes of two and three planes): at most 1.7 % of the peak where both blurs are 6 px or more, 2.6 % at
 //! 2 px, in place of 23 % and 20 %; 46 pieces 1.9 %, 32 pieces 2.5 %.
-//! It is computed in cells of the film where a slab out of focus partly covers another one out of focus.
+//! Where it is not 0 does not depend on which slabs are apart: planes of 4 and 3.5 px of blur are 21 % of the peak wrong without it, 2.5 % with it. Surfaces of
+//! less than about 3 px of blur with details of a few pixels are not improved: planes of 3 and 1 px, details of 3 px, 8 % with it and 6 % without.
+//! It is computed in cells of the film where a slab out of focus partly covers another one out of focus and an edge is in reach ([`edges`]).
 
 pub(super) mod cell;
 pub(super) mod correction;
 mod disc;
+pub(super) mod edges;
 pub(super) mod layer;
 pub(super) mod shape;
 mod slope;

@@ -3,7 +3,7 @@
 use super::DepthStage;
 use super::hidden::Hidden;
 use super::occupancy::Occupancy;
-use super::pieces::correction::LEAST_WIDE_PX;
+use super::pieces::correction::{LEAST_WIDE_PX, may_have_edges};
 use super::pieces::shape::Shape;
 use super::scene::Scene;
 use super::slabs::Slabs;
@@ -113,6 +113,8 @@ pub struct TileWork {
     pub own: f64,
     /// Slabs with surfaces whose light reaches a pixel that the block reaches, the mean.
     pub reached: f64,
+    /// Slabs with surfaces that a pixel of the block sees, the mean, 0 where no edge of surfaces out of focus is expected.
+    pub corrected: f64,
     /// Whether surfaces may be invented.
     pub may_invent: bool,
 }
@@ -218,25 +220,34 @@ impl DepthPlan {
         may_invent: bool,
         chart_rect: impl Fn(Rect) -> Rect,
     ) -> TileWork {
-        let count = |rect: Rect| {
-            let slabs = occupancy.slabs(&occupancy.inside(chart_rect(rect)), &self.slabs);
-            slabs.into_iter().filter(|is| *is).count()
-        };
+        let slabs = |rect: Rect| occupancy.slabs(&occupancy.inside(chart_rect(rect)), &self.slabs);
+        let count = |rect: Rect| slabs(rect).into_iter().filter(|is| *is).count();
         let mean =
             |of: fn(&NodePlan) -> usize| self.used().map(of).sum::<usize>() / self.used().count().max(1);
         let (side, margin) = (mean(|n| n.blocks.block).max(MIN_ESTIMATE_PX), mean(|n| n.blocks.window / 2));
         let grown = tile.grown(margin);
-        let (mut own, mut reached, mut blocks) = (0, 0, 0);
+        let blur_px = self.used_blur_px();
+        let (mut own, mut reached, mut corrected, mut blocks) = (0, 0, 0, 0);
         for y in (grown.y..grown.bottom()).step_by(side) {
             for x in (grown.x..grown.right()).step_by(side) {
                 let block = Rect::new(y, x, side, side);
                 own += count(block);
                 reached += count(block.grown(2 * margin));
+                let seen = slabs(block.grown(margin));
+                if blur_px >= LEAST_WIDE_PX && may_have_edges(&self.slabs, &seen, side + 2 * margin) {
+                    corrected += seen.into_iter().filter(|is| *is).count();
+                }
                 blocks += 1;
             }
         }
         let per_block = |n: usize| n as f64 / f64::from(blocks.max(1));
-        TileWork { slabs: count(grown), own: per_block(own), reached: per_block(reached), may_invent }
+        TileWork {
+            slabs: count(grown),
+            own: per_block(own),
+            reached: per_block(reached),
+            corrected: per_block(corrected),
+            may_invent,
+        }
     }
 
     /// Raises `max_slabs`, `max_slab_rows` and `reach` to those of a tile; whether surfaces may be invented there.
@@ -288,6 +299,12 @@ impl DepthPlan {
     /// The nodes whose PSFs are needed.
     pub fn used(&self) -> impl Iterator<Item = &NodePlan> {
         self.nodes.iter().filter(|node| node.is_used)
+    }
+
+    /// The largest blur radius of the nodes whose PSFs are needed, px.
+    fn used_blur_px(&self) -> f64 {
+        let used = std::iter::zip(self.slabs.vergence(), &self.nodes).filter(|(_, node)| node.is_used);
+        used.map(|(v, _)| self.slabs.blur_at(*v).abs()).fold(0.0, f64::max)
     }
 
     /// Half the widest window, px.

@@ -184,9 +184,13 @@ fn band_lines(preview: &Preview, band: &PlannedBand, lines: &mut Vec<(&'static s
     let ((mean, most), tile) = (mean_and_most(&slabs), tiling.tile());
     lines.push(("slabs", format!("{mean:.1} in reach of a tile of {tile} px on average, {most} at most")));
     lines.push(("time", format!(
-        "about {} core seconds a band at the speed of a 2.2 GHz core with AVX-512, {:.1} times a flat film{}",
+        "about {} core seconds a band at the speed of a 2.2 GHz core with AVX-512, {:.1} times a flat film{}{}",
         short(band.core_s),
         band.core_s / band.flat_core_s,
+        match band.correction_core_s {
+            0.0 => String::new(),
+            seconds => format!("; {} of them correct edges of surfaces out of focus", short(seconds)),
+        },
         band.untraced.map_or_else(String::new, |nodes| format!(", and {} to trace its nodes", short(nodes.core_s)))
     )));
     if let Some(memory) = &band.memory {
@@ -233,6 +237,7 @@ pub fn json(preview: &Preview, overview: &Overview) -> Value {
             "slabs_mean": mean,
             "slabs_max": most,
             "core_s": band.core_s,
+            "correction_core_s": band.correction_core_s,
             "flat_core_s": band.flat_core_s,
             "memory_bytes": band.memory.map(|memory| memory.planned),
             "memory_limit_bytes": band.memory.map(|memory| memory.limit),

@@ -95,7 +95,7 @@ def black_ball():
 
 
 def against_rays():
-    for name, limits, scene in scenes.two_planes() + scenes.slanted_planes() + scenes.post_and_ball() + scenes.three_surfaces():
+    for name, limits, scene in scenes.two_planes() + scenes.slanted_planes() + scenes.post_and_ball() + scenes.shallow_ball() + scenes.three_surfaces():
         sheets = [(q.chart, q.vergence) if q.coverage is None else (q.chart, q.vergence, q.coverage) for q in scene.sheets]
         scenes.rows(table, name, limits, scene, film(scene.nodes, sheets, (scene.size, scene.size), invented=scene.invented))
 

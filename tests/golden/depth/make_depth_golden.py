@@ -62,14 +62,14 @@ def make_pack(name, seed, vergence, focus, blur_px, reach_mm, shares, bands=1, p
     return lenses, f"../../packs/{name}.lens.zip"
 
 
-def make_chart(name, seed, shape, sheets):
-    """`sheets(y, x)`: list of (vergence [1/m], coverage or None), the nearest first; charts are repeated noise."""
+def make_chart(name, seed, shape, sheets, noise=(31, 29), side=1):
+    """`sheets(y, x)`: list of (vergence [1/m], coverage or None), the nearest first; charts are repeated noise in squares of `side` pixels."""
     rng = np.random.default_rng(seed)
     y, x = np.mgrid[:shape[1], :shape[2]]
     out = []
     for q, (vergence, coverage) in enumerate(sheets(y, x)):
-        block = rng.uniform(0, 1, (shape[0], 31, 29))
-        chart = np.tile(block, (1, -(-shape[1] // 31), -(-shape[2] // 29)))[:, :shape[1], :shape[2]].astype(np.float32)
+        block = np.kron(rng.uniform(0, 1, (shape[0], *noise)), np.ones((1, side, side)))
+        chart = np.tile(block, (1, -(-shape[1] // block.shape[1]), -(-shape[2] // block.shape[2])))[:, :shape[1], :shape[2]].astype(np.float32)
         distance = np.divide(1, vergence, out=np.full(vergence.shape, np.inf), where=vergence > 0).astype(np.float32)
         path = OUT / "charts" / f"{name}.zarr"
         g = zarr.open_group(path, mode="w", zarr_format=3, attributes={"pitch_um": PITCH_UM}) if q == 0 else zarr.open_group(path, mode="a")
@@ -149,6 +149,12 @@ def three_planes(y, x):
     return [(np.full(y.shape, 1.67), disc), (middle, square * 1.0), (wall, None)]
 
 
+def close_surfaces(y, x):
+    """A ball 0.6 to 5.3 px of blur before a wall of 12 px: its front alone is apart from the wall, and seen in some cells of the film only."""
+    r = np.hypot(y - 103.2, x - 103.6) / 30
+    return [(1.1260 + 0.047 * np.sqrt(np.maximum(0, 1 - r * r)), np.clip((1 - r) * 30 + 0.5, 0, 1)), (np.full(y.shape, 1.12), None)]
+
+
 def slanted(y, x):
     """A tilted near plane (left part) before a wall that is hidden behind it; the plane runs through three slabs."""
     left = x < 130 + 0.3 * y
@@ -168,11 +174,14 @@ for folder in ("charts", "packs", "cases"):
 six = make_pack("six-slabs", 21, [[0.0, 0.2, 0.5, 0.93, 1.3, 1.6, 2.0]], 0.5, 5.0, 0.5, [0, 0.35, 0.6, 1])
 two_bands = make_pack("two-bands", 22, [[0.0, 0.3, 1.0, 1.4, 1.9], [0.0, 0.4, 0.8, 1.2, 1.5, 2.0]], 1.2, 6.0, 0.5, [0, 0.5, 1], bands=2)
 fixed = make_pack("fixed-pupil", 23, [[0.0, 0.25, 0.6, 1.15, 1.9]], 0.3, 8.0, 0.6, [0, 0.4, 1], moving=False)
+close = make_pack("close-nodes", 24, [[1.115, 1.13, 1.145, 1.165, 1.175]], 1.0, 100.0, 0.5, [0, 1])
 planes = make_chart("three-planes", 31, (1, 230, 240), three_planes)
 slope = make_chart("slanted", 32, (2, 230, 240), slanted)
 scene = make_chart("objects", 33, (1, 230, 240), objects)
+ball = make_chart("close-surfaces", 34, (1, 170, 170), close_surfaces, noise=(5, 7), side=12)
 grid, strip = (0, 0, 192, 192, 3, 2), (90, 0, 24, 192, 1, 2)
 make_case("hidden-given", planes, six, (192, 192), "given", [grid, strip], axis=(90.3, 101.7), scale=(1.03, 1.01), center=(0.012, -0.008))
+make_case("close-surfaces", ball, close, (140, 140), "given", [(41, 41, 96, 96, 1, 2)])
 make_case("slanted-two-bands", slope, two_bands, (192, 192), "given", [grid], scale=(1.0, 1.1), surround="mirror", interp="bilinear")
 make_case("invented", scene, fixed, (192, 192), "invented", [grid, strip], axis=(95.5, 60.0), surround="black", center=(0.03, 0.0))
 make_case("sheet-0-alone", scene, six, (161, 150), "none", [(0, 0, 161, 150, 3, 2)])

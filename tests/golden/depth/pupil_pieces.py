@@ -1,6 +1,6 @@
 """What the product of means leaves out where two surfaces are both out of focus (NumPy, float64): pieces of the pupil, geometric.
 
-    film += (sum_p f_p O(a_p, c_p) - O(sum_p f_p a_p, sum_p f_p c_p)) max(0, 1 - D)       not below 0, in cells of CELL x CELL film pixels
+    film += (sum_p f_p O(a_p, c_p) - O(sum_p f_p a_p, sum_p f_p c_p)) max(0, 1 - D)       not below 0, in cells of CELL x CELL film pixels that `edges` reach
     O     = C sum_s T_s g_s c_s/U_s,   T_s = prod_{j>s} max(0, 1 - g_j a_j/U_j),   U_s = max(1 - sum_near a_j, a_s, FLOOR)
     C     = 1/(1 - T behind all slabs) where the composite leaves nothing open, 1 where it leaves OPEN or more: what is known stands for all
     g_s   = max(1, max(1 - sum_near w_j, FLOOR)/U_s of the composite);   D = max_s (g_s - 1) min(1, T_s w_s/FEW): nothing where less than half is known
@@ -15,6 +15,7 @@ import numpy as np
 RINGS = (4, 12, 18, 22)     # pieces of equal area of a uniform disc, from the middle
 CELL = 64                   # film pixels
 PSF_CELLS = 64              # cells of a PSF in a row, at most
+POINTS = np.array([-1, 0, 1]) / 3   # points that a cell is spread over, in cells from its centroid
 IN_FOCUS = 0.1              # blur radii below this are in focus, px
 LEAST_WIDE = 2.0            # a kernel of less blur does not show the pupil, px
 FEW = 0.01                  # shares of the light below count less for what is unknown behind them
@@ -22,6 +23,7 @@ OPEN = 0.05                 # where the composite leaves this share of the light
 PRESENT = 1e-3              # shares of the light below are none, above 1 - this all
 SEEN = 1e-5                 # and below this not seen
 ONE_POSITION = 1e-4         # positions t that differ by less are one
+LEAST_STEP = 0.01           # blur radii of one surface differ less from pixel to pixel, px
 STEEPEST = 4.0              # slopes above are this, px per px
 LEAST_SLOPE = 1e-4          # below: 0
 
@@ -53,7 +55,12 @@ def pieces(heights, psfs, dy, dx):
     k = int(np.clip(np.searchsorted(heights, r, side="right"), 1, len(heights) - 1))
     share = (r - heights[k - 1]) / (heights[k] - heights[k - 1])
     cos, sin = (dx, dy) / np.hypot(dy, dx) if dy or dx else (1.0, 0.0)
-    both = [(e * w, y * cos + x * sin, x * cos - y * sin) for (e, y, x), w in ((parts(psfs[k - 1]), 1 - share), (parts(psfs[k]), share))]
+    both = []
+    for psf, weight in ((psfs[k - 1], 1 - share), (psfs[k], share)):
+        e, *at = parts(psf)
+        step = -(-len(psf) // PSF_CELLS)
+        y, x = (v[:, None] + d.ravel() * step for v, d in zip(at, np.meshgrid(POINTS, POINTS, indexing="ij")))
+        both.append((np.repeat(e * weight / 9, 9), (y * cos + x * sin).ravel(), (x * cos - y * sin).ravel()))
     e, y, x = np.concatenate(both, axis=1)
     my, mx, second = (e * y).sum(), (e * x).sum(), (e * (y * y + x * x)).sum()
     scale = np.sqrt(2 * (second - my * my - mx * mx))
@@ -124,6 +131,36 @@ def slope(planes, s, lens):
     return np.where(a > 0, np.array(out) * limit, 0)
 
 
+def edges(planes, lens, margin):
+    """Where one surface ends before another one: row and column on the film, and the larger of the two blur radii, of pixels of `planes` (film grown by `margin`)
+    whose first surface is more than LEAST_STEP of blur from that of a neighbour, or does not cover the pixel and is so far from the next one.
+
+    Without an edge in reach the correction is 0 but for the slope of the surface, 0.2 times of its contrast.
+    """
+    shape = planes.shape[2:]
+    first, last, cover, blur = np.full(shape, np.nan), np.full(shape, np.nan), np.zeros(shape), np.zeros(shape)
+    for s in reversed(range(len(planes))):
+        (low, high), (a, _, m) = (lens.vergence[d] for d in lens.slabs()[s]), planes[s]
+        on = (a > 0) & (cover < 1 - PRESENT)
+        rho = lens.blur_px * (low + np.divide(m, a, out=np.zeros_like(m), where=on) * (high - low) - lens.focus)
+        step = on & (last - rho > LEAST_STEP)
+        blur[step] = np.maximum(blur, np.maximum(abs(rho), abs(last)))[step]
+        first, last, cover = np.where(on & np.isnan(first), rho, first), np.where(on, rho, last), cover + np.where(on, a, 0)
+    for here, there in ((np.s_[:, :-1], np.s_[:, 1:]), (np.s_[:-1], np.s_[1:])):
+        step = abs(first[here] - first[there]) > LEAST_STEP
+        blur[here] = np.where(step, np.maximum(blur[here], np.maximum(abs(first[here]), abs(first[there]))), blur[here])
+    y, x = np.nonzero(blur)
+    return y - margin, x - margin, blur[y, x]
+
+
+def reached(edges, cell, shape_of):
+    """Whether pieces see one of `edges` from a pixel of `cell` (y, x, h, w)."""
+    (_, d, radius), rho_w = shape_of
+    beyond = lambda at, first, n: np.maximum(np.maximum(first - at, at - (first + n - 1)), 0)
+    y, x, blur = edges
+    return (np.maximum(beyond(y, cell[0], cell[2]), beyond(x, cell[1], cell[3])) <= blur * (abs(d).max() + radius) / abs(rho_w) + 1).any()
+
+
 def add(film, planes, margin, lens, axis, pitch, floor, used):
     """Adds the correction to `film` (a depth_reference.Film, changed in place) of `planes` (S, 3, film grown by `margin`); `used`: nodes of the slabs that occur."""
     rho = lambda v: lens.blur_px * (v - lens.focus)
@@ -135,6 +172,7 @@ def add(film, planes, margin, lens, axis, pitch, floor, used):
     ends = lambda s: [lens.vergence[d] for d in lens.slabs()[s]]
     blurred = lambda s: max(abs(rho(v)) for v in ends(s)) > IN_FOCUS
     h, w = film.light.shape
+    at_edges = edges(planes, lens, margin)
     slopes = {s: slope(planes, s, lens) for s, *_ in film.slabs}
     for y0 in range(0, h, CELL):
         for x0 in range(0, w, CELL):
@@ -143,11 +181,13 @@ def add(film, planes, margin, lens, axis, pitch, floor, used):
             slabs = [(s, share[on], u[on], passing[on] * share[on]) for s, passing, share, u in film.slabs]
             slabs = [of for of in slabs if (of[3] > SEEN).any()]
             if not any(blurred(s) and ((visible > PRESENT) & (share < 1 - PRESENT)).any() and
-                       any(blurred(k) and lens.separate(k, s) and (other > PRESENT).any() for k, _, _, other in slabs[i + 1:])
+                       any(blurred(k) and (other > PRESENT).any() for k, _, _, other in slabs[i + 1:])
                        for i, (s, share, _, visible) in enumerate(slabs)):
                 continue
             middle = [at + (CELL - 1) / 2 - c for at, c in zip((y0, x0), axis)]
             shape_of = pieces(heights, psfs, *middle), rho_w
+            if not reached(at_edges, cell, shape_of):
+                continue
             f = shape_of[0][0]
             passing, light, shares, doubt = {}, {}, {}, np.zeros(cell[2:])
             for s, share, u, visible in slabs:

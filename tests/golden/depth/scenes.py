@@ -18,6 +18,7 @@ class Scene:
     points: np.ndarray                                      # film points (N, 2), px from the centre
     size: int                                               # side of the film, px
     invented: bool = False
+    line: int = 0                                           # first row and column of a cell of the correction where `seams` are looked for; 0: none
 
     def errors(self, film):
         """(largest, rms) difference of a film centred on 0 from rays."""
@@ -26,10 +27,18 @@ class Scene:
         return abs(e).max(), np.sqrt((e ** 2).mean())
 
 
+def seams(film, line):
+    """Largest difference of the steps into row and column `line` of a film from those around them."""
+    step = lambda f: f[line] - f[line - 1] - (f[line - 1] - f[line - 4] + f[line + 3] - f[line]) / 6
+    return max(abs(step(f)).max() for f in (film, film.T))
+
+
 def rows(table, name, limits, scene, film):
     """Rows of a film of `scene`; limits: (largest error [%], figure to compare it with), (rms, figure) or less."""
     for kind, value, (limit, stated) in zip(("max", "rms"), scene.errors(film), limits):
         table.below(f"{name}: {kind}, %", 100 * value, limit, stated)
+    if scene.line:
+        table.below(f"{name}: step at row and column {scene.line}, %", 100 * seams(film, scene.line), 0.5)
 
 
 def two_planes():
@@ -106,6 +115,26 @@ def post_and_ball():
         nodes = np.concatenate([[low, low + 0.01], np.arange(v[cover > 0].min() - 0.001, v.max() + 0.01, 0.01)])
         out.append((f"ball, rho 20 to 30, before a checker of 32 px, rho {at}", ((3.0, 2.0), (0.8, None)), Scene([front, wall], surfaces, nodes, points, 121)))
     return out
+
+
+def shallow_ball():
+    """A black ball whose front spans 6.5 px of blur (rho 20.5 to 27) before a checker of rho 20: slabs of its rim are not apart from those of the wall."""
+    y, x = np.mgrid[-145:146, -145:146]
+    rim, last, low = FOCUS + 0.205, FOCUS + 0.27, FOCUS + 0.2
+    distance = 1 / rim
+    radius = distance - 1 / last
+    f = 35.0 / np.tan(np.arcsin(radius / distance))
+    s2 = (x ** 2 + y ** 2) / f ** 2
+    root = 1 - (1 + s2) * (1 - (radius / distance) ** 2)
+    v, cover = (1 + s2) / (distance * (1 - np.sqrt(np.maximum(root, 0)))), np.clip(disc_area(35.0, y, x), 0, 1)
+    pattern = rays.checker(24)
+    sheets = [Sheet(np.zeros(x.shape), np.where(cover > 0, v, low), cover), Sheet(pattern(y, x), np.full(x.shape, low))]
+    rng = np.random.default_rng(11)
+    random, border = rng.integers(-60, 61, (120, 2)), np.stack([rng.integers(-40, 41, 60), rng.integers(45, 49, 60)], 1)
+    surfaces = [rays.Ball(radius, distance, 0.0, f, BLUR / f), rays.Plane(low, pattern)]
+    nodes = np.arange(low - 0.002, v[cover > 0].max() + 0.01, 0.01)
+    scene = Scene(sheets, surfaces, nodes, np.concatenate([random, border, border[:, ::-1]]), 163, line=128)
+    return [("ball, rho 20.5 to 27, before a checker of 24 px, rho 20", ((3.0, 2.0), (0.8, None)), scene)]
 
 
 def three_surfaces():

@@ -120,7 +120,7 @@ def black_ball():
 
 
 def against_rays():
-    for name, limits, scene in scenes.two_planes() + scenes.slanted_planes() + scenes.post_and_ball() + scenes.three_surfaces():
+    for name, limits, scene in scenes.two_planes() + scenes.slanted_planes() + scenes.post_and_ball() + scenes.shallow_ball() + scenes.three_surfaces():
         film = depth.film(scene.sheets, thin_lens(scene.nodes, BLUR, FOCUS), (scene.size, scene.size), 1.0, invented=scene.invented).light
         scenes.rows(table, name, limits, scene, film)
 

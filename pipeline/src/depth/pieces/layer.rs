@@ -12,7 +12,7 @@ pub(super) const FEW: f32 = 0.01;
 /// Shares of the light below this are not seen.
 const SEEN: f32 = 1e-5;
 /// Shares of the light below this do not count as present, those above one minus this as all.
-const PRESENT: f32 = 1e-3;
+pub(super) const PRESENT: f32 = 1e-3;
 
 /// What `composite` found of one slab of a tile.
 #[derive(Debug)]
