@@ -16,7 +16,7 @@ use lenscube_pipeline::psf::spectra::SpectrumCache;
 use lenscube_pipeline::simd::Simd;
 use lenscube_pipeline::stage::Stages;
 use lenscube_pipeline::stages::StageCompute;
-use lenscube_pipeline::tails::{ChartCells, TAIL_MARGIN_BINS};
+use lenscube_pipeline::tails::{ChartCells, TAIL_MARGIN_BINS, TailKernels};
 use lenscube_pipeline::tiling::{FilmRegion, ShardId};
 use std::sync::atomic::AtomicBool;
 use std::sync::{Arc, Mutex};
@@ -190,7 +190,15 @@ impl Problem {
         let (sides, surround) = (tail.cells_px(frame), options.interpolation.surround);
         let cancel = AtomicBool::new(false);
         let cells = ChartCells::read((chart, 0), sides, surround, options.simd, 2, &cancel).unwrap();
-        let values = tail.layer(frame, &plan.lens, options, self.gain, cells, 2);
+        let values = tail.layer(
+            &TailKernels::new(tail, options.simd),
+            frame,
+            &plan.lens,
+            options,
+            self.gain,
+            cells,
+            2,
+        );
         let bins = BinGrid::new(frame.film, tail.bin_px(), TAIL_MARGIN_BINS);
         Some(Layer::new(bins, Taps::Lagrange, values))
     }
