@@ -119,7 +119,7 @@ impl JobLayer for JobTail {
                 &own
             }
         };
-        Ok(tail.layer(kernels, frame, &plan.lens, options, band.gain * band.remaining, cells, threads))
+        Ok(tail.layer(kernels, frame, &plan.lens, options, (cells, band.gain * band.remaining), threads))
     }
 }
 

@@ -45,7 +45,7 @@ fn films_of_arrays_have_the_bits_of_the_command() {
         // Alone, and as the second of two.
         let other = Picture::noise(4, SIZE, 2);
         let (alone, both) = (films(&ready, &[&picture]), films(&ready, &[&other, &picture]));
-        assert_eq!(bits(&[alone.clone()]), bits(&[expected.concat()]), "{place}");
+        assert_eq!(bits(std::slice::from_ref(&alone)), bits(&[expected.concat()]), "{place}");
         assert_eq!(both[alone.len()..], alone[..], "{place}");
     }
 }

@@ -97,8 +97,7 @@ impl TailPlan {
         frame: &Frame,
         band: &LensBand,
         options: &Options,
-        gain: f64,
-        cells: ChartCells,
+        (cells, gain): (ChartCells, f64),
         threads: usize,
     ) -> Vec<f32> {
         let stages = options.stages;

@@ -195,8 +195,7 @@ impl Problem {
             frame,
             &plan.lens,
             options,
-            self.gain,
-            cells,
+            (cells, self.gain),
             2,
         );
         let bins = BinGrid::new(frame.film, tail.bin_px(), TAIL_MARGIN_BINS);

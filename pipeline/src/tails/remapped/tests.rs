@@ -78,7 +78,7 @@ fn a_point_anywhere_has_its_tail() {
             let cells =
                 ChartCells::read((&chart, 0), sides, Surround::Black, Simd::PORTABLE, 1, &stop).unwrap();
             let values =
-                plan.layer(&TailKernels::new(&plan, OPTIONS.simd), &frame, &band, &OPTIONS, 1.0, cells, 1);
+                plan.layer(&TailKernels::new(&plan, OPTIONS.simd), &frame, &band, &OPTIONS, (cells, 1.0), 1);
             let bins = BinGrid::new(size, plan.bin_px(), TAIL_MARGIN_BINS);
             let mut pixels = ShardPixels::new(size);
             pixels.reach(size.height, || vec![0.0; size.pixels()]);
