@@ -16,10 +16,13 @@ pub use film::ArrayFilm;
 
 use super::Job;
 use super::lens::UntracedLens;
+use crate::args::RunArgs;
 use crate::failure::usage;
+use crate::machine::threads;
 use anyhow::Result;
 use flags::ArrayFlags;
 use formats::chart::ArrayChart;
+use pipeline::design::trace::with_threads;
 use pipeline::geometry::Size;
 use points::{PointMap, reach_of};
 use shared::SharedSets;
@@ -96,12 +99,12 @@ impl ArrayLens {
         }
         let all: Vec<String> = self.flags.iter().chain(flags).cloned().collect();
         let args = ArrayFlags::parse(&all)?.job;
-        let chart_of_arrays = ArrayChart::new(chart, self.wavelengths_nm.clone(), args.nan);
-        let job = Job::of_arrays(&args, chart_of_arrays)?;
-        let memory = job.memory.limit as u64;
-        let shared = self.shared.lock().expect("no panic while held").of_job(&job)?;
-        let film = Arc::new(ArrayFilm::new(job, shared)?);
-        let forgotten = self.shared.lock().expect("no panic while held").trim(memory);
+        let film = on_own_threads(&args, || {
+            let job = Job::of_arrays(&args, ArrayChart::new(chart, self.wavelengths_nm.clone(), args.nan))?;
+            let shared = self.shared.lock().expect("no panic while held").of_job(&job)?;
+            Ok(Arc::new(ArrayFilm::new(job, shared)?))
+        })?;
+        let forgotten = self.shared.lock().expect("no panic while held").trim(film.memory());
         let mut films = self.films.lock().expect("no panic while held");
         films.retain(|known| !forgotten.iter().any(|set| known.film.shares(set)));
         if films.len() == MAX_FILMS {
@@ -147,8 +150,11 @@ impl ArrayLens {
             return Ok(map);
         }
         // Farther than needed where the lens can be traced so far, so that points a little farther off have the same map.
-        let farther = PointMap::new(&self.flags, nm, FARTHER * reach_mm);
-        let map = Arc::new(farther.or_else(|_| PointMap::new(&self.flags, nm, reach_mm))?);
+        let args = ArrayFlags::parse(&self.flags)?.job;
+        let map = on_own_threads(&args, || {
+            PointMap::new(&args, nm, FARTHER * reach_mm).or_else(|_| PointMap::new(&args, nm, reach_mm))
+        });
+        let map = Arc::new(map?);
         let mut maps = self.maps.lock().expect("no panic while held");
         if maps.len() == MAX_MAPS {
             maps.remove(0);
@@ -166,4 +172,9 @@ impl ArrayLens {
         films.push(known);
         Some(film)
     }
+}
+
+/// Does `work` on threads that are made for it: those that all of a process share do not exist in a process that was forked from it.
+fn on_own_threads<T: Send>(args: &RunArgs, work: impl FnOnce() -> Result<T> + Send) -> Result<T> {
+    with_threads(threads(args.threads), work)
 }

@@ -23,7 +23,7 @@ pub fn lights(plan: &TailPlan, light: &dyn Light, threads: usize) -> Vec<Vec<f32
     lights
 }
 
-/// Levels of a film: their radii grow by [`GROWTH`], so that 32 exceed any diagonal.
+/// Levels of a film: their radii grow by a factor, so that 32 exceed any diagonal.
 pub const MAX_LEVELS: usize = 32;
 
 /// The kernels of a band's tails, for films of the size and scale of its plan.

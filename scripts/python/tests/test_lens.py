@@ -1,5 +1,7 @@
 """`lenscube.Lens` beside `lenscube.run`: the same bits, the same errors; points, PSFs."""
 
+import os
+import signal
 import threading
 
 import numpy
@@ -98,6 +100,29 @@ def test_threads_share_a_lens(phone, picture):
         thread.join()
     for film in found:
         numpy.testing.assert_array_equal(film, expected)
+
+
+@pytest.mark.skipif(not hasattr(os, "fork"), reason="no fork")
+@pytest.mark.filterwarnings("ignore:.*fork.*:DeprecationWarning")
+def test_forked_processes_use_a_lens(phone, picture):
+    # As workers of PyTorch's DataLoader: known films, new places and new lenses.
+    expected = phone.apply(picture, pitch_um=PITCH)
+    pid = os.fork()
+    if pid == 0:
+        signal.alarm(100)
+        same = (phone.apply(picture, pitch_um=PITCH) == expected).all()
+        phone.apply(picture, pitch_um=PITCH, center_mm=(0.21, -0.13))
+        lenscube.Lens("phone", wavelengths=[555], focus_m=1).apply(picture[0], pitch_um=PITCH)
+        os._exit(0 if same else 1)
+    assert os.waitpid(pid, 0)[1] == 0
+
+
+def test_signals_end_a_film(phone):
+    threading.Timer(0.3, os.kill, (os.getpid(), signal.SIGINT)).start()
+    with pytest.raises(KeyboardInterrupt):
+        for _ in range(1000):
+            phone.apply(numpy.ones((4, 3, 600, 600), numpy.float32), pitch_um=PITCH)
+    assert phone.apply(numpy.ones((3, 9, 9), numpy.float32), pitch_um=PITCH).shape == (3, 9, 9)
 
 
 def test_points_follow_the_film(phone):

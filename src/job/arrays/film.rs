@@ -44,6 +44,11 @@ impl ArrayFilm {
         Ok(Self { stages, tails, job, shared })
     }
 
+    /// Limit of its memory, bytes.
+    pub(super) fn memory(&self) -> u64 {
+        self.job.memory.limit as u64
+    }
+
     /// Whether its kernels are those of `set`.
     pub(super) fn shares(&self, set: &Arc<SharedStages>) -> bool {
         Arc::ptr_eq(&self.shared, set)

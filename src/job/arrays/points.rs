@@ -6,7 +6,7 @@
 //! Points are (x, y) in mm from the optical axis, y down, of the chart on the ideal image plane. The tables are those of a film that reaches as far as the points, without its
 //! PSFs, so that a point lies within 10⁻⁴ px of where the remap of a film of another size puts it.
 
-use super::flags::ArrayFlags;
+use crate::args::RunArgs;
 use crate::failure::usage;
 use crate::job::default_options;
 use crate::job::lens::{JobLens, UntracedLens};
@@ -46,12 +46,11 @@ enum AnyField {
 }
 
 impl PointMap {
-    /// The map of the lens of `flags` at `nm` up to `reach_mm` on the film.
+    /// The map of the lens of `args` at `nm` up to `reach_mm` on the film.
     ///
     /// # Errors
     /// The lens cannot be traced so far; a pack that has no such wavelength.
-    pub fn new(flags: &[String], nm: f64, reach_mm: f64) -> Result<Self> {
-        let args = ArrayFlags::parse(flags)?.job;
+    pub fn new(args: &RunArgs, nm: f64, reach_mm: f64) -> Result<Self> {
         let side = (2.0 * reach_mm / (std::f64::consts::SQRT_2 * 1e-3 * PITCH_UM)).ceil() as usize + 1;
         let size = Size::new(side, side);
         let frame = Frame::centred(size, size, PITCH_UM);
