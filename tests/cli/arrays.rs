@@ -82,6 +82,6 @@ fn points_of_the_chart_and_the_film_are_inverse() {
     }
     assert!((film[2][0] - 12.0).abs() > 0.01, "the lens has distortion: {film:?}");
     let light = lens.relative_illumination(&film, 500.0).unwrap();
-    assert!(light[0] == 1.0 && light[2] < 0.9, "{light:?}");
+    assert!(light[0] == 1.0 && light[2] < 0.97, "{light:?}");
     assert!(lens.film_of_chart(&[[1000.0, 0.0]], 500.0).is_err(), "beyond the field");
 }

@@ -13,14 +13,10 @@ from ._arguments import arguments
 from ._process import warn
 
 if TYPE_CHECKING:
-    from typing import Unpack
-
     import numpy
     import xarray
     from numpy.typing import ArrayLike, NDArray
-    from scipy.sparse.linalg import LinearOperator
 
-    from . import _flags as f
     from ._native import NativeFilm
 
 LOG = logging.getLogger("lenscube")
@@ -48,7 +44,7 @@ class Lens:
     >>> film = lens.apply(cube, pitch_um=2)             # (band, y, x) float32, the bits of `lenscube run`
     """
 
-    def __init__(self, name: Any, *, wavelengths: "ArrayLike | None" = None, **flags: "Unpack[f.Run]"):
+    def __init__(self, name: Any, *, wavelengths: "ArrayLike | None" = None, **flags: Any):
         from ._native import NativeLens
 
         nm = None if wavelengths is None else _numbers(wavelengths)
@@ -133,13 +129,13 @@ class Lens:
         _called(ready.adjoint, array, result)
         return result.reshape(_like(shape, axes)) if out is None else out
 
-    def linear_operator(self, shape: tuple[int, ...], **place: Any) -> "LinearOperator":
+    def linear_operator(self, shape: tuple[int, ...], **place: Any) -> Any:
         """`apply` to charts of `shape` (band, y, x), or (n, band, y, x), as a `scipy.sparse.linalg.LinearOperator` on their pixels in one vector; its transpose is `adjoint`.
 
         `place`: the arguments of `apply`. Solvers of SciPy and PyLops take it: `scipy.sparse.linalg.lsqr(lens.linear_operator(film.shape, pitch_um=2), film.ravel())`.
         """
         import numpy
-        from scipy.sparse.linalg import LinearOperator
+        from scipy.sparse.linalg import LinearOperator  # type: ignore[import-untyped]
 
         film_shape = (*shape[:-2], *self._film(shape[-2:], self._place(shape[-2:], *({**PLACE, **place}[name] for name in PLACE))).shape[1:])
         size = {**place, "chart_size": tuple(shape[-2:])}
@@ -196,7 +192,7 @@ class Lens:
         import xarray
 
         band = self._band(wavelength)
-        place = {"pitch_um": pitch_um, "center_mm": (float(x_mm), float(y_mm)), "stages": "svpsf"}
+        place: dict[str, Any] = {"pitch_um": pitch_um, "center_mm": (float(x_mm), float(y_mm)), "stages": "svpsf"}
         if size is None:
             size = self._film((3, 3), self._place((3, 3), pitch_um, place["center_mm"], None, None, 1.0, None, "svpsf")).window_px(band)
         if size < 1 or size % 2 == 0:

@@ -3,6 +3,9 @@
 PyTorch is not a requirement of the package; this module alone imports it. The lens computes on the CPU: tensors of other devices are copied there and the result back.
 """
 
+# mypy: ignore-errors
+# PyTorch is not there when the package is checked.
+
 from typing import Any
 
 import torch
@@ -28,5 +31,5 @@ class _Film(torch.autograd.Function):
 
 def apply(lens: Lens, x: torch.Tensor, **place: Any) -> torch.Tensor:
     """The film of a tensor (band, y, x), or (n, band, y, x), as `Lens.apply` makes it with the arguments `place`; gradients flow back to `x`."""
-    film: torch.Tensor = _Film.apply(x, lens, place)  # type: ignore[no-untyped-call]
+    film: torch.Tensor = _Film.apply(x, lens, place)
     return film
