@@ -1,4 +1,4 @@
-"""Compares camera models of `lens export` with the programs they are for; run by check-interop.
+"""Compares camera models of `lens export` with the programs they are for; run by check-long.
 
 Three lenses, on films up to the corner of their fields. Expected positions are those of the lens: the table of `lens export --as lut`, whose
 rows are traced chief rays, and a film of `lenscube run` whose chart has as its values its own columns or rows, so that each film pixel holds its ideal

@@ -6,6 +6,7 @@
 import os
 import re
 import sys
+import tempfile
 import warnings
 from pathlib import Path
 
@@ -33,7 +34,9 @@ def check_lens(shown: set[str], printed: str) -> None:
 def execute(path: Path) -> tuple[set[str], str]:
     """Executes a notebook; the types of what it shows, and what it prints."""
     notebook = nbformat.read(path, as_version=4)
-    NotebookClient(notebook, timeout=300, kernel_name="python3", resources={"metadata": {"path": str(HERE)}}).execute()
+    # In another folder than the package's sources, which have no native module: the installed package is used.
+    with tempfile.TemporaryDirectory() as folder:
+        NotebookClient(notebook, timeout=300, kernel_name="python3", resources={"metadata": {"path": folder}}).execute()
     shown = {key for cell in notebook.cells for out in cell.get("outputs", []) for key in out.get("data", {})}
     printed = "".join(out.get("text", "") for cell in notebook.cells for out in cell.get("outputs", []))
     for cell in notebook.cells:

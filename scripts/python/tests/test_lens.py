@@ -118,10 +118,15 @@ def test_forked_processes_use_a_lens(phone, picture):
 
 
 def test_signals_end_a_film(phone):
+    # A process in the background may have been started with the signal ignored.
+    before = signal.signal(signal.SIGINT, signal.default_int_handler)
     threading.Timer(0.3, os.kill, (os.getpid(), signal.SIGINT)).start()
-    with pytest.raises(KeyboardInterrupt):
-        for _ in range(1000):
-            phone.apply(numpy.ones((4, 3, 600, 600), numpy.float32), pitch_um=PITCH)
+    try:
+        with pytest.raises(KeyboardInterrupt):
+            for _ in range(100):
+                phone.apply(numpy.ones((4, 3, 600, 600), numpy.float32), pitch_um=PITCH)
+    finally:
+        signal.signal(signal.SIGINT, before)
     assert phone.apply(numpy.ones((3, 9, 9), numpy.float32), pitch_um=PITCH).shape == (3, 9, 9)
 
 
