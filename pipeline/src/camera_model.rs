@@ -27,6 +27,7 @@ pub mod opencv;
 pub mod target;
 
 use crate::geometry::Size;
+use target::Target;
 use thiserror::Error;
 
 /// Film and focal length of a camera model.
@@ -69,6 +70,18 @@ pub enum CameraModelError {
         /// The model.
         model: &'static str,
     },
+}
+
+/// Fails if the fit of `model` to `target` decreases, which it does at the REAL height `fold_mm`; `wide` are models for wide fields.
+fn check_ascends(
+    model: &'static str,
+    target: &Target,
+    fold_mm: Option<f64>,
+    wide: &'static str,
+) -> Result<(), CameraModelError> {
+    let field_deg = target.last().angle_rad.to_degrees();
+    let folds = |at_mm| Err(CameraModelError::Folds { model, field_deg, at_mm, wide });
+    fold_mm.map_or(Ok(()), folds)
 }
 
 /// Models over the angle.

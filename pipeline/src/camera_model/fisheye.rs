@@ -5,8 +5,8 @@
 //! ```
 //! Source: Kannala and Brandt, IEEE Trans. PAMI 28 (2006), p. 1335; OpenCV 4, module calib3d, fisheye.
 
-use super::CameraModelError;
 use super::target::{Target, horner};
+use super::{CameraModelError, check_ascends};
 
 /// k1 to k4.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
@@ -24,15 +24,8 @@ impl Fisheye {
         let right = |p: &super::field_map::FieldPoint| p.real_mm / target.focal_mm - p.angle_rad;
         let k = target.polynomial([3, 5, 7, 9], |p| p.angle_rad, right);
         let fit = Self { k: k.ok_or(CameraModelError::Undetermined { model: MODEL })? };
-        match target.fold_mm(|p| p.angle_rad, |angle| fit.radius(angle)) {
-            None => Ok(fit),
-            Some(at_mm) => Err(CameraModelError::Folds {
-                model: MODEL,
-                field_deg: target.last().angle_rad.to_degrees(),
-                at_mm,
-                wide: "ftheta",
-            }),
-        }
+        check_ascends(MODEL, target, target.fold_mm(|p| p.angle_rad, |angle| fit.radius(angle)), "ftheta")?;
+        Ok(fit)
     }
 
     /// r/f at an angle.

@@ -8,9 +8,9 @@
 //! forward polynomial is fitted in pixels; the inverse by weights that make its errors pixels too, θ's times dr/dθ.
 //! Source: DriveWorks, dwFThetaCameraConfig (`polynomial`, of either kind, 6 coefficients).
 
-use super::CameraModelError;
 use super::field_map::FieldPoint;
 use super::target::{Target, horner};
+use super::{CameraModelError, check_ascends};
 
 /// Coefficients of θ⁰ to θ⁵ in px/radʲ, and of the pixel distance to its powers 0 to 5.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
@@ -50,15 +50,8 @@ impl FTheta {
         let fold = target
             .fold_mm(|p| p.angle_rad, |angle| fit.distance_px(angle))
             .or_else(|| target.fold_mm(pixels, |px| fit.angle_rad(px)));
-        match fold {
-            None => Ok(fit),
-            Some(at_mm) => Err(CameraModelError::Folds {
-                model: MODEL,
-                field_deg: target.last().angle_rad.to_degrees(),
-                at_mm,
-                wide: "opencv-fisheye",
-            }),
-        }
+        check_ascends(MODEL, target, fold, "opencv-fisheye")?;
+        Ok(fit)
     }
 
     /// Pixel distance from the principal point at an angle.

@@ -14,7 +14,7 @@
 
 use super::field_map::{FieldPoint, FieldSource};
 use super::target::{Residual, Target, horner};
-use super::{CameraModelError, WIDE};
+use super::{CameraModelError, WIDE, check_ascends};
 use crate::design::error::DesignError;
 use rayon::prelude::*;
 
@@ -81,15 +81,8 @@ impl PtLens {
         let abc = [alpha / scale.powi(4), beta / scale.powi(3), gamma / scale.powi(2)];
         let fit = Self { projection, abc, scale, half_side_mm, expanded };
         let fold = target.fold_mm(|p| per_u * projection.of(p), |q| fit.radius(q));
-        match fold {
-            None => Ok(fit),
-            Some(at_mm) => Err(CameraModelError::Folds {
-                model: MODEL,
-                field_deg: target.last().angle_rad.to_degrees(),
-                at_mm,
-                wide: WIDE,
-            }),
-        }
+        check_ascends(MODEL, target, fold, WIDE)?;
+        Ok(fit)
     }
 
     /// r/R at q.

@@ -12,7 +12,7 @@
 
 use super::field_map::FieldPoint;
 use super::target::{Target, horner};
-use super::{CameraModelError, WIDE};
+use super::{CameraModelError, WIDE, check_ascends};
 
 /// Steps of the fit of a quotient, and the relative change of its residual that ends them.
 const STEPS: usize = 30;
@@ -113,15 +113,8 @@ impl OpenCv {
     }
 
     fn checked(self, target: &Target) -> Result<Self, CameraModelError> {
-        match target.fold_mm(|p| p.tan, |tan| self.radius(tan)) {
-            None => Ok(self),
-            Some(at_mm) => Err(CameraModelError::Folds {
-                model: MODEL,
-                field_deg: target.last().angle_rad.to_degrees(),
-                at_mm,
-                wide: WIDE,
-            }),
-        }
+        check_ascends(MODEL, target, target.fold_mm(|p| p.tan, |tan| self.radius(tan)), WIDE)?;
+        Ok(self)
     }
 }
 

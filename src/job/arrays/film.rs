@@ -66,31 +66,14 @@ impl ArrayFilm {
         [self.job.plans.len(), height, width]
     }
 
-    /// Optical axis (x, y) in film pixels.
-    pub fn axis_px(&self) -> (f64, f64) {
-        let (y, x) = self.job.frame.axis_px;
-        (x, y)
-    }
-
     /// Side of the PSF windows of band `band`, film pixels; 1 without the PSF stage.
     pub fn window_px(&self, band: usize) -> usize {
         self.stages[band].psf.as_ref().map_or(1, |psf| psf.blocks().window)
     }
 
-    /// Share of the light of the PSFs of band `band` that is inside their windows, by REAL height of the nodes, mm.
-    pub fn psf_energy(&self, band: usize) -> (&[f64], &[f64]) {
-        let tables = &self.job.plans[band].lens;
-        (&tables.psf_height_mm, &tables.psf_energy)
-    }
-
     /// Notes on the job, those of `lenscube run`.
     pub fn notes(&self) -> &[String] {
         &self.job.notes
-    }
-
-    /// Name of the instruction set that computes it.
-    pub fn engine(&self) -> String {
-        self.job.engine.to_string()
     }
 
     fn region(&self) -> &FilmRegion {

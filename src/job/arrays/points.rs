@@ -75,12 +75,12 @@ impl PointMap {
         chart_mm: &[[f64; 2]],
         known: impl Fn(f64) -> Result<std::sync::Arc<Self>>,
     ) -> Result<std::sync::Arc<Self>> {
-        let mut reach_mm = reach_of(chart_mm)?;
+        let needed = reach_of(chart_mm)?;
+        let mut reach_mm = needed;
         for _ in 0..TRIES {
             let map = known(reach_mm)?;
             // Where the ratio of the border is that of the points, the next film covers them.
             let border = map.ideal_of_border();
-            let needed = reach_of(chart_mm)?;
             if border >= needed {
                 return Ok(map);
             }

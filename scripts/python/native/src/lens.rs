@@ -67,33 +67,15 @@ impl NativeFilm {
         self.0.shape().into()
     }
 
-    /// Optical axis (x, y) in film pixels.
-    #[getter]
-    fn axis_px(&self) -> (f64, f64) {
-        self.0.axis_px()
-    }
-
     /// Side of the PSF windows of a band, film pixels.
     fn window_px(&self, band: usize) -> usize {
         self.0.window_px(band)
-    }
-
-    /// Heights of the PSF nodes of a band, mm, and the share of their light inside the windows.
-    fn psf_energy(&self, band: usize) -> (Vec<f64>, Vec<f64>) {
-        let (height_mm, energy) = self.0.psf_energy(band);
-        (height_mm.to_vec(), energy.to_vec())
     }
 
     /// Notes on the job.
     #[getter]
     fn notes(&self) -> Vec<String> {
         self.0.notes().to_vec()
-    }
-
-    /// Name of the instruction set that computes it.
-    #[getter]
-    fn engine(&self) -> String {
-        self.0.engine()
     }
 
     /// Computes the films of `arrays` (n, band, y, x) into `films` (n, band, y, x).
