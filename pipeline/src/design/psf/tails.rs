@@ -9,6 +9,8 @@
 //! ∫∫ beyond a square of half a side a:   r⁻³: 4√2/a    r⁻⁵: (10√2/9)/a³    r⁻³ cos 4φ: (4√2/15)/a    r⁻⁵ cos 4φ: 8/(3 a³) ∫₀^{π/4} cos³φ cos 4φ dφ
 //! ```
 //!
+//! The light of T is not negative: where it would be, c_01 is 0.
+//!
 //! A band whose edge rays land beyond the window, or near its border, has no such tail: there it is geometric, not a power law.
 
 use rayon::prelude::*;
@@ -16,7 +18,7 @@ use rayon::prelude::*;
 use super::{PsfGrid, PsfScratch};
 use crate::design::pupil::edge::Edge;
 use crate::design::pupil::pupils::Pupils;
-use crate::lens::tail::{BandTail, Coefficients, ORDERS, TERMS};
+use crate::lens::tail::{BandTail, Coefficients, ORDERS, TERMS, light};
 
 /// Half windows up to which the power laws are fitted, and half a side of the PSFs for it in samples at most.
 const REACH: f64 = 3.0;
@@ -166,6 +168,10 @@ impl Rings {
         c[0][0] = tail_um / pitch_um;
         let others = c[0][0] * plain[0] + c[4][0] * fourth[0] + c[4][1] * fourth[1];
         c[0][1] = (1.0 - inside - others) / plain[1];
+        // Beyond the field of a design, where the pupil's edge is barely sampled, C alone may be more than all light: then without the fit.
+        if light(&c, a) < 0.0 {
+            c[0][1] = 0.0;
+        }
         // From samples to mm.
         let mm = 1e-3 * pitch_um;
         c.map(|[third, fifth]| [third * mm, fifth * mm.powi(3)])
@@ -226,5 +232,18 @@ mod tests {
             cases += 1;
         }
         assert_eq!((lenses.len(), cases), (5, 30));
+    }
+
+    #[test]
+    fn a_tail_has_no_negative_light() {
+        let (window, pitch_um) = (101, 1.0);
+        let rings = Rings::new(151, 50.5);
+        let mut psf = vec![0.0; 303 * 303];
+        psf[303 * 303 / 2] = 1.0;
+        // All light is inside the window, whatever the edge of the pupil says.
+        let c = rings.fit(&psf, window, pitch_um, 0.1);
+        assert!(c[0][0] > 0.0 && c[0][1] == 0.0 && light(&c, 50.5e-3) > 0.0, "{c:?}");
+        let without = rings.fit(&psf, window, pitch_um, 0.0);
+        assert_eq!(light(&without, 50.5e-3), 0.0);
     }
 }
