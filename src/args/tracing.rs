@@ -4,7 +4,7 @@ use super::choices::{AIMING, SWITCH, one_of};
 use super::design::{CoatingsArg, DesignArgs, Gap, ImagePlaneArg, configuration};
 use super::values::{bounded, share, window_px};
 use clap::{ArgAction, Args};
-use pipeline::bounds::BAND_WIDTH_NM;
+use pipeline::bounds::{BAND_WIDTH_NM, HEIGHT_MM};
 use pipeline::design::system::RayAiming;
 use pipeline::psf::blocks::Blocks;
 use std::fmt;
@@ -39,6 +39,9 @@ pub struct TracingArgs {
     /// Maximum PSF window, an odd number of film pixels [default: 401, of film pixels above 2 µm fewer; 639 with distances]
     #[arg(long, value_name = "N", value_parser = |text: &str| window_px(text, Blocks::widest_window()))]
     pub max_window_px: Option<usize>,
+    /// Trace at least up to this height on the film, mm, so that films at several places of the field have one lens [default: what the film needs]
+    #[arg(long, value_name = "MM", value_parser = bounded(HEIGHT_MM))]
+    pub reach_mm: Option<f64>,
     /// Wavelengths within the width of a band over which its PSFs, illumination and transmission are averaged, 1 to 16; bands end half-way to their
     /// neighbours, or have the width in nm [default: 1, a band is one wavelength]
     #[arg(long, value_name = "N[,width=NM]", value_parser = BandSamplesArg::parse)]
@@ -58,6 +61,7 @@ impl Default for TracingArgs {
             coatings: CoatingsArg::default(),
             energy: None,
             max_window_px: None,
+            reach_mm: None,
             band_samples: None,
             tails: true,
         }
@@ -112,7 +116,7 @@ impl TracingArgs {
     }
 
     /// The flags of this group that are for designs only.
-    pub const FLAGS: [&str; 8] = [
+    pub const FLAGS: [&str; 9] = [
         "--image-plane",
         "--aiming",
         "--configuration",
@@ -120,6 +124,7 @@ impl TracingArgs {
         "--coatings",
         "--energy",
         "--max-window-px",
+        "--reach-mm",
         "--band-samples",
     ];
 
@@ -144,6 +149,7 @@ impl TracingArgs {
             coatings,
             energy,
             max_window_px,
+            reach_mm,
             band_samples: _,
             tails: _,
         } = self;
@@ -155,6 +161,7 @@ impl TracingArgs {
             *coatings != CoatingsArg::Ideal,
             energy.is_some(),
             max_window_px.is_some(),
+            reach_mm.is_some(),
             self.integrated_bands().is_some(),
         ];
         std::iter::zip(Self::FLAGS, is_given)

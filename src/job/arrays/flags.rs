@@ -8,7 +8,7 @@ use clap::FromArgMatches;
 use clap::parser::ValueSource;
 
 /// Flags that apply to arrays: of the lens, the film's geometry and the computation, none of stores.
-const OF_ARRAYS: [&str; 40] = [
+const OF_ARRAYS: [&str; 41] = [
     "lens",
     "image_plane",
     "aiming",
@@ -17,6 +17,7 @@ const OF_ARRAYS: [&str; 40] = [
     "coatings",
     "energy",
     "max_window_px",
+    "reach_mm",
     "tails",
     "tolerances",
     "seed",

@@ -7,6 +7,7 @@
 //! their pupil functions, a hundredth of the bytes. Beside them: depth nodes ([`placements`]) and the operators of ghosts ([`operators`]).
 
 pub mod entries;
+pub mod failures;
 pub mod operators;
 mod placements;
 pub mod reduced;

@@ -67,7 +67,7 @@ pub(super) fn of_job(job: &TracingJob<'_>, traced_for: TracedFor<'_>) -> Result<
     let depth = &traced_for.options;
     let reach = Reach::new(job, margin_mm(job, &at_primary)?)?;
     let tracer = Tracer::new(system, system.primary_um())?;
-    let wanted_mm = reach.of(&tracer, frame.farthest_mm(frame.film.rect()))[0].reach_mm;
+    let wanted_mm = reach.of(&tracer, job.farthest_mm())[0].reach_mm;
     let reach_mm = match tracer.field_of_height(wanted_mm) {
         Err(DesignError::Height { reached_mm, .. }) if options.interpolation.outside == Outside::Clamp => {
             0.99 * reached_mm

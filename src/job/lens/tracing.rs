@@ -17,7 +17,8 @@ use super::traced::Traced;
 use super::tracing_job::{TracingJob, trace_options};
 use crate::args::{DesignArgs, TracingArgs};
 use crate::design;
-use crate::failure::line;
+use crate::failure::{line, usage};
+use crate::job::lens::cache::failures::KnownFailure;
 use crate::job::lens::cache::{self, Cache};
 use crate::job::lens::samples::design_reach_mm;
 use crate::progress::{TracingBar, jsonl, log_line};
@@ -31,7 +32,8 @@ use pipeline::design::{DesignError, System};
 use pipeline::field::Outside;
 use pipeline::geometry::Frame;
 use pipeline::lens::{Lens, LensError};
-use std::sync::Arc;
+use std::collections::BTreeSet;
+use std::sync::{Arc, Mutex};
 use std::time::Instant;
 
 /// Side of a PSF window, pixels of the trace pitch, from which a note is printed before tracing.
@@ -50,10 +52,12 @@ fn rounded_nm(nm: f64) -> f64 {
     (nm * 1e6).round() / 1e6
 }
 
-/// Prints a note if the film lies beyond the design's field, before anything is traced.
+/// Prints a note, once of each lens, if the film lies beyond the design's field, before anything is traced.
 fn note_field(system: &System, name: &str, frame: &Frame) -> Result<()> {
+    static NOTED: Mutex<BTreeSet<String>> = Mutex::new(BTreeSet::new());
     let (corner_mm, field_mm) = (frame.farthest_mm(frame.film.rect()), design_reach_mm(system)?);
-    if field_mm > 0.0 && corner_mm > BEYOND_FIELD * field_mm {
+    let is_beyond = field_mm > 0.0 && corner_mm > BEYOND_FIELD * field_mm;
+    if is_beyond && NOTED.lock().expect("no panic while held").insert(name.to_owned()) {
         log_line(format!(
             "note: the film's corner at {corner_mm:.2} mm from the axis lies beyond the outermost field point of {name} at \
              {field_mm:.2} mm, where the design does not define the image; `--film-size` makes the film smaller"
@@ -88,6 +92,11 @@ fn note_focus(job: &TracingJob<'_>, options: &TraceOptions) -> Result<()> {
 pub(super) fn trace(job: &TracingJob<'_>, wavelengths_nm: &[f64], threads: usize) -> Result<Traced> {
     let (system, name) = (job.system, job.name);
     let is_asymmetric_design = job.asymmetric.is_some_and(|lens| lens.design().is_some());
+    if job.asymmetric.is_some() && job.tracing.is_some_and(|tracing| tracing.reach_mm.is_some()) {
+        return Err(usage(format!(
+            "--reach-mm: expected a lens with rotational symmetry; `{name}` has none and is traced over each film"
+        )));
+    }
     if !is_asymmetric_design {
         note_field(system, name, job.frame)?;
     }
@@ -114,6 +123,7 @@ pub(super) fn trace(job: &TracingJob<'_>, wavelengths_nm: &[f64], threads: usize
         traced: 0,
         is_announced: false,
         is_forecast: false,
+        has_other_reach: false,
     };
     let (mut lens, mut packs, mut recipes) = (None::<Lens>, Vec::new(), Vec::new());
     let mut darkest = None::<(MissedEnergy, f64)>;
@@ -250,23 +260,27 @@ pub(super) struct BandTracer<'a> {
     pub(super) is_announced: bool,
     /// Whether the estimate of its depth nodes was passed on.
     pub(super) is_forecast: bool,
+    /// Whether another reach is tried if the lens cannot be traced up to this one.
+    has_other_reach: bool,
 }
 
 impl BandTracer<'_> {
     /// Band at `nm` whose reach covers the film and the band's window.
     fn covering_film(&mut self, nm: f64) -> Result<(String, LensPack)> {
         let job = self.job;
-        let corner_mm = job.frame.farthest_mm(job.frame.film.rect());
+        let corner_mm = job.farthest_mm();
         let Some(steps) = &self.reach else { return self.over_film(nm, corner_mm) };
         let chief_rays = Tracer::new(job.system, nm / 1e3)?;
         let reaches = steps.of(&chief_rays, corner_mm);
         let (last, others) = reaches.split_last().context("a band has a reach")?;
+        self.has_other_reach = true;
         for reach in others {
             match self.covering_window(nm, &chief_rays, *reach) {
                 Err(e) if is_of_lens(&e) => (),
                 found => return found,
             }
         }
+        self.has_other_reach = false;
         let covering = self.covering_window(nm, &chief_rays, *last);
         let is_clamped = job.options.interpolation.outside == Outside::Clamp;
         covering.map_err(|e| match e.downcast_ref() {
@@ -352,6 +366,11 @@ impl BandTracer<'_> {
         if let Some(pack) = self.cache.find(&recipe, nm) {
             return Ok((recipe, pack));
         }
+        if self.has_other_reach
+            && let Some(failure) = self.cache.find_failure(&recipe)
+        {
+            return Err(failure.into());
+        }
         if !self.is_announced {
             self.announce();
             note_focus(&self.job, options)?;
@@ -363,7 +382,8 @@ impl BandTracer<'_> {
             let trace = LensTrace::new(system, options)?.over(range).with_tails(tails);
             let band = trace.band_sharing(0, shared, &mut progress)?;
             Ok::<_, DesignError>((trace.header(), band))
-        })?;
+        })
+        .inspect_err(|error| self.cache.remember(&recipe, error))?;
         let lens = Lens { bands: vec![band.tables.clone()], ..header };
         let values = band_digest(&lens, 0, &band.psf);
         let stores_pupils = range.is_none() && size_of_val(&band.psf.samples[..]) > MAX_PSF_BYTES;
@@ -388,7 +408,7 @@ impl BandTracer<'_> {
 
 /// Whether an error is one of the lens, not of writing.
 fn is_of_lens(error: &anyhow::Error) -> bool {
-    error.downcast_ref().is_some_and(|e| !matches!(e, DesignError::Sink { .. }))
+    error.is::<KnownFailure>() || error.downcast_ref().is_some_and(|e| !matches!(e, DesignError::Sink { .. }))
 }
 
 #[cfg(test)]

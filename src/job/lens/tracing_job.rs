@@ -78,6 +78,12 @@ impl TracingJob<'_> {
             && self.tracing.is_some_and(|tracing| tracing.admits_tails(has_psfs, self.depth.is_some()))
     }
 
+    /// How far from the axis its bands are needed, mm: to the film's corner, or as far as is asked for.
+    pub(super) fn farthest_mm(&self) -> f64 {
+        let asked_mm = self.tracing.and_then(|tracing| tracing.reach_mm).unwrap_or(0.0);
+        self.frame.farthest_mm(self.frame.film.rect()).max(asked_mm)
+    }
+
     /// Plan of the band at `nm` with `lens`.
     pub(super) fn plan(&self, lens: &Lens, nm: f64) -> Result<BandPlan, LensError> {
         match self.depth {

@@ -1,6 +1,6 @@
 //! Files of the cache: traced bands, the depth nodes and ghosts of bands, and reduced charts.
 
-use super::{EXTENSION, operators, placements, reduced};
+use super::{EXTENSION, failures, operators, placements, reduced};
 use crate::progress::plural;
 use anyhow::{Context, Result};
 use std::path::{Path, PathBuf};
@@ -17,6 +17,8 @@ pub enum Kind {
     Ghosts,
     /// A band of a chart, reduced.
     Reduced,
+    /// Why a band could not be traced.
+    Failure,
 }
 
 /// A file of the cache.
@@ -49,6 +51,7 @@ pub fn entries(directory: &Path) -> Result<Vec<Entry>> {
             (placements::EXTENSION, Kind::Nodes),
             (operators::EXTENSION, Kind::Ghosts),
             (reduced::EXTENSION, Kind::Reduced),
+            (failures::EXTENSION, Kind::Failure),
         ];
         let Some((_, kind)) = kinds.into_iter().find(|(extension, _)| ends(extension)) else { continue };
         // Another process may have removed it.
