@@ -147,7 +147,25 @@ tilt_arcmin = 3
 kind = "rms-spot"
 """
 
+def recipe(path, _):
+    """The recipe of the page of data sets, with fewer samples, and its pictures with labels and masks."""
+    page = (ROOT / "src/manual/guide/datasets.md").read_text()
+    table = page[page.index("    schema = "):].split("\n\n")[0]
+    path.write_text("\n".join(line[4:] for line in table.splitlines()).replace("samples = 40", "samples = 6"))
+    for folder in ("photos", "masks"):
+        (path.parent / folder).mkdir()
+    rng, images = np.random.default_rng(2), []
+    for k in range(3):
+        Image.fromarray(rng.integers(0, 256, (90, 120, 3), np.uint8)).save(path.parent / f"photos/{k}.png")
+        Image.fromarray(rng.integers(0, 3, (90, 120), np.uint8)).save(path.parent / f"masks/{k}.png")
+        images.append({"id": k, "file_name": f"{k}.png", "width": 120, "height": 90})
+    annotations = [{"id": k, "image_id": k, "category_id": 1, "bbox": [20, 20, 60, 40]} for k in range(3)]
+    labels = {"images": images, "annotations": annotations, "categories": [{"id": 1, "name": "thing"}]}
+    (path.parent / "labels.json").write_text(json.dumps(labels))
+
+
 MAKERS = {
+    "recipe.toml": recipe,
     "cube.zarr": cube_zarr,
     "room.glb": mesh,
     "chart.zarr": chart_zarr,
@@ -200,10 +218,11 @@ def python(text):
 
 # What the commands of a page need before they begin; they make all else themselves.
 PAGES = {
-    "README.md": ["cube.zarr", "cube.npy", "MY.zmx", "chart.zarr", "tol.toml", "scene.zarr", "room.glb"],
+    "README.md": ["cube.zarr", "cube.npy", "MY.zmx", "chart.zarr", "tol.toml", "scene.zarr", "room.glb", "recipe.toml"],
     "camera.md": ["chart.zarr", "photo.png", "film.zarr", "lens-a.zarr", "lens-b.zarr", "lens-a.raw.zarr", "lens-b.raw.zarr"],
     "charts.md": ["cube.zarr", "cube.hdr", "cube.mat", "cave", "cube.tif", "cube.npy", "cube.raw", "photo.png"],
     "clusters.md": ["chart.zarr"],
+    "datasets.md": ["recipe.toml"],
     "depth.md": ["scene.zarr", "MY.zmx", "render.exr", "depth.npy", "behind.zarr"],
     "films.md": ["chart.zarr"],
     "lenses.md": ["MY.zmx", "TILTED.zmx", "chart.zarr", "tables"],

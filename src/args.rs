@@ -8,6 +8,7 @@ mod camera;
 mod chart;
 mod choices;
 mod compare;
+mod dataset;
 mod demo;
 mod depth;
 mod depth_report;
@@ -46,6 +47,7 @@ pub use cache::{CacheAction, CacheArgs};
 pub use camera::{CameraArgs, Renderer};
 pub use chart::{ChartArgs, ChartCommand, GeneratedArgs, ImageArgs};
 pub use compare::CompareArgs;
+pub use dataset::{DatasetArgs, Part};
 pub use demo::DemoArgs;
 pub use depth::{
     CoverageLight, DEPTH_TOLERANCE, DepthArgs, DepthEdges, DepthKind, DepthMiss, DepthUnit, NO_HIDDEN,
@@ -129,6 +131,8 @@ pub enum Command {
     Shoot(Box<ShootArgs>),
     /// Compare two raws, e.g. of two lenses under the same noise: difference, SNR, MTF, colours; or two films
     Compare(Box<CompareArgs>),
+    /// Make a data set of films, raws or pictures by a recipe: many pictures, lenses, places, exposures, with labels
+    Dataset(Box<DatasetArgs>),
     /// Divide a job into units for many processes, on one machine or on a cluster
     Plan(Box<PlanArgs>),
     /// Report the progress of a film, raw or scene

@@ -4,6 +4,7 @@ mod bench;
 mod cache;
 mod chart;
 mod compare;
+mod dataset;
 mod demo;
 mod depth;
 mod develop;
@@ -45,6 +46,7 @@ pub fn run(command: &Command, matches: &ArgMatches) -> anyhow::Result<u8> {
         Command::Develop(args) => develop::command(args),
         Command::Shoot(args) => shoot::command(args),
         Command::Compare(args) => compare::command(args),
+        Command::Dataset(args) => dataset::command(args),
         Command::Plan(args) => plan::command(args, matches),
         Command::Status(args) => status::command(args),
         Command::Verify(args) => verify::command(args),

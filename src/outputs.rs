@@ -6,6 +6,7 @@ mod job;
 mod place;
 
 pub use guard::Guard;
+pub use place::resolve_links;
 
 use crate::failure::other_job;
 use anyhow::Result;

@@ -38,6 +38,7 @@
 mod bounded;
 pub mod camera_model;
 pub mod chart;
+pub mod dataset;
 pub mod design;
 pub mod developed;
 pub mod dng;

@@ -10,7 +10,7 @@ use std::path::PathBuf;
 #[command(
     after_help = "Examples:\n  lenscube bench\n  lenscube bench --dir /scratch --bands 4 --json > bench.json\n  \
 lenscube bench --compare laptop.json server.json\n\
-Takes about two minutes and 7 GB of temporary disk space. Run it on an otherwise idle machine."
+Takes about three minutes and 7 GB of temporary disk space. Run it on an otherwise idle machine."
 )]
 pub struct BenchArgs {
     /// Film side of the job in pixels; the film is always 28.282 mm wide, as in the paper

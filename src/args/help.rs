@@ -5,7 +5,7 @@ use clap::CommandFactory;
 
 /// The commands, by what they are for. Each is in one group.
 const GROUPS: [(&str, &[&str]); 5] = [
-    ("Simulate", &["demo", "chart", "scene", "depth", "run", "shoot"]),
+    ("Simulate", &["demo", "chart", "scene", "depth", "run", "shoot", "dataset"]),
     ("Lens", &["lens"]),
     ("Camera", &["sensor", "develop", "compare"]),
     ("Inspect", &["status", "verify", "view", "export", "pyramid", "measure", "validate"]),

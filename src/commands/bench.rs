@@ -11,6 +11,7 @@
 mod bounds;
 mod camera;
 mod compare;
+mod dataset;
 mod gpu;
 mod job;
 mod stages;
@@ -147,6 +148,7 @@ pub fn command(args: &BenchArgs) -> Result<()> {
             log_line("1/3  stages, in memory");
             stages::measure(&mut bench)?;
             camera::measure(&mut bench)?;
+            dataset::measure(&mut bench)?;
         }
         Device::Cuda(_) | Device::Auto => {
             log_line("1/3  GPU kernels and copies");

@@ -71,6 +71,8 @@ fn of_command(command: &Command) -> Result<Guard> {
             .reads_chart("raw", split_group(&args.first).0)
             .reads_chart("raw", split_group(&args.second).0)
             .writes_in("--out", &args.out, compare::FILES),
+        // The files that the recipe names are compared with OUT when it has been read.
+        Command::Dataset(args) => guard.reads_text("recipe", &args.recipe).writes("OUT", &args.out),
         Command::Plan(args) => of_plan(args),
         Command::Export(args) => {
             let guard = guard.reads_chart("film", &args.film);

@@ -24,6 +24,10 @@ mod write;
 use crate::args::{ExposeArgs, SensorArgs, SensorCommand};
 use crate::failure::usage;
 use anyhow::Result;
+pub use exposure::{Times, time};
+pub use film::FilmPlane;
+pub use geometry::Geometry;
+pub use open::open_sensor;
 pub use picture::temporary_raw;
 pub use raw::remove;
 use resolve::RawJob;
@@ -32,6 +36,7 @@ use std::path::Path;
 
 /// Names of the files of `sensor show --plot`.
 pub use show::FIGURES;
+pub use warnings::of_spectrum;
 
 /// Names of the files of `sensor validate --out`.
 pub fn validation_files() -> impl Iterator<Item = &'static str> {

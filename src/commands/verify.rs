@@ -1,5 +1,6 @@
 //! `lenscube verify`: reads a complete film, checks its shards and attributes, and lists what is wrong.
 
+mod dataset;
 mod digests;
 mod other;
 mod repair;
@@ -20,6 +21,9 @@ use serde_json::{Value, json};
 
 /// Runs the command; the exit code.
 pub fn command(args: &VerifyArgs) -> Result<u8> {
+    if let Some(code) = dataset::verify(args)? {
+        return Ok(code);
+    }
     if let Some(code) = other::verify(args)? {
         return Ok(code);
     }

@@ -9,10 +9,12 @@
 
 mod film;
 mod flags;
+mod placement;
 mod points;
 mod shared;
 
 pub use film::ArrayFilm;
+pub use placement::Placement;
 
 use super::Job;
 use super::lens::UntracedLens;
@@ -38,6 +40,7 @@ const MAX_FILMS: usize = 32;
 /// A lens for arrays in memory. Its functions may be called by several threads at once.
 pub struct ArrayLens {
     flags: Vec<String>,
+    is_symmetric_design: bool,
     wavelengths_nm: Vec<f64>,
     films: Mutex<Vec<KnownFilm>>,
     shared: Mutex<SharedSets>,
@@ -60,6 +63,7 @@ impl ArrayLens {
         let args = ArrayFlags::parse(flags)?;
         let lens = UntracedLens::open_focused(&args.job.lens, &args.job.surfaces, &args.job.tracing)?
             .with_errors(&args.job.built)?;
+        let is_symmetric_design = matches!(lens, UntracedLens::Design(_)) && lens.is_symmetric();
         let wavelengths_nm = match (wavelengths_nm, lens) {
             (Some(nm), _) if !nm.is_empty() && nm.iter().all(|nm| nm.is_finite() && *nm > 0.0) => nm,
             (Some(nm), _) => {
@@ -77,11 +81,17 @@ impl ArrayLens {
         };
         Ok(Self {
             flags: flags.to_vec(),
+            is_symmetric_design,
             wavelengths_nm,
             films: Mutex::default(),
             shared: Mutex::default(),
             maps: Mutex::default(),
         })
+    }
+
+    /// Whether it is a design that can be traced farther than a film needs (`--reach-mm`).
+    pub fn is_symmetric_design(&self) -> bool {
+        self.is_symmetric_design
     }
 
     /// Wavelengths of the bands of its arrays, nm.

@@ -9,6 +9,7 @@ mod bad_input;
 mod band_samples;
 mod bounds;
 mod check_input;
+mod dataset;
 mod depth;
 mod depth_cells;
 mod depth_edges;

@@ -23,7 +23,7 @@ use super::raster::RasterChart;
 use super::raster::bands::BandFile;
 use super::values::Values;
 use crate::durable::DurableError;
-use crate::image::header::{ALPHA_NOTE, ImageHeader, header_error, transparent_error};
+use crate::image::header::{ALPHA_NOTE, ImageHeader, RowSink, header_error, transparent_error};
 use crate::image::whole::WholeImage;
 use crate::image::{png, tiff, whole};
 use crate::parallel::Progress;
@@ -116,6 +116,11 @@ impl ImageFile {
         self.header.channels == 1
     }
 
+    /// The integer that is white; 0 of floats.
+    pub fn white(&self) -> u16 {
+        self.header.white
+    }
+
     /// Memory of decoding a format that is decoded as a whole; 0 for the others.
     pub fn decoder_bytes(&self) -> usize {
         match &self.decoder {
@@ -135,6 +140,43 @@ impl ImageFile {
             Decoder::Exr(exr) if matches!(exr.content, ExrContent::Spectral { .. }) => Some(exr),
             _ => None,
         }
+    }
+
+    /// Decodes the image and keeps the pixels of `part` in memory: its channels as bands of linear samples, white being 1.
+    ///
+    /// # Errors
+    /// [`ChartError`] if the file does not decode.
+    ///
+    /// # Panics
+    /// `part` is not inside the image.
+    pub fn linear_part(self, transfer: Transfer, part: Rect) -> Result<Vec<f32>, ChartError> {
+        assert!(self.size().rect().contains(part), "{part} of {}", self.size());
+        let Self { path, header, decoder } = self;
+        let pixels = part.size().pixels();
+        let mut out = vec![0.0; header.channels * pixels];
+        if let Decoder::Exr(exr) = decoder {
+            if let Some(alpha) = &exr.alpha {
+                check_opaque(&path, alpha, &std::env::temp_dir(), 1)?;
+            }
+            for (band, to) in out.chunks_exact_mut(pixels.max(1)).enumerate() {
+                exr.chart.read_rect(band, part, to)?;
+            }
+            return Ok(out);
+        }
+        let linear = transfer.table(header.white);
+        decoder.for_each_row(&path, &header, &mut |row, samples| {
+            if (part.y..part.bottom()).contains(&(row as i64)) {
+                let first = (row - part.y as usize) * part.width;
+                for band in 0..header.channels {
+                    let line = &mut out[band * pixels + first..][..part.width];
+                    let channel = samples.iter().skip(part.x as usize * header.channels + band);
+                    let channel = channel.step_by(header.channels);
+                    line.iter_mut().zip(channel).for_each(|(to, &v)| *to = linear[usize::from(v)]);
+                }
+            }
+            Ok(())
+        })?;
+        Ok(out)
     }
 
     /// Decodes the image into a temporary file in `directory` and returns its channels as bands of linear samples, white being 1.
@@ -163,36 +205,61 @@ impl ImageFile {
         let channels: Vec<usize> = (0..header.channels).collect();
         let shape = [header.channels, height, width];
         let out = BandFile::create(directory, &path, &channels, shape, RasterSample::Plain(Sample::F32))?;
-        let white = f64::from(header.white);
-        let linear: Vec<f32> = (0..=header.white)
-            .map(|v| match transfer {
-                Transfer::Srgb => srgb_decode(f64::from(v) / white) as f32,
-                Transfer::Linear => (f64::from(v) / white) as f32,
-            })
-            .collect();
+        let linear = transfer.table(header.white);
         let mut line = vec![0.0; width];
-        let mut rows = 0;
-        let mut write_row = |row: usize, samples: &[u16]| -> Result<(), ChartError> {
+        let mut done = 0;
+        decoder.for_each_row(&path, &header, &mut |row, samples| {
             for &band in &channels {
                 let channel = samples.iter().skip(band).step_by(header.channels);
                 line.iter_mut().zip(channel).for_each(|(to, &v)| *to = linear[usize::from(v)]);
                 out.write(band, row, 0, &line)?;
             }
-            rows += 1;
-            progress(rows, height as u64);
+            done += 1;
+            progress(done, height as u64);
             Ok(())
-        };
-        match decoder {
-            Decoder::Png(rows) => rows.for_each_row(&path, &header, &mut write_row)?,
-            Decoder::Tiff(rows) => rows.for_each_row(&path, &header, &mut write_row)?,
-            Decoder::Whole(image) => image.for_each_row(&path, &header, &mut write_row)?,
-            Decoder::Exr(_) => unreachable!("returned above"),
-        }
-        if rows != height as u64 {
-            let reason = format!("it holds {rows} rows of {height}");
-            return Err(ChartError::Damaged { path, reason });
-        }
+        })?;
         Ok(Box::new(RasterChart::from_band_file(&path, out, NanPolicy::Error, None, Values::default())?))
+    }
+}
+
+impl Transfer {
+    /// Linear values of the integers up to `white`, which is 1.
+    fn table(self, white: u16) -> Vec<f32> {
+        let share = |v: u16| f64::from(v) / f64::from(white);
+        let of = |v: u16| match self {
+            Self::Srgb => srgb_decode(share(v)) as f32,
+            Self::Linear => share(v) as f32,
+        };
+        (0..=white).map(of).collect()
+    }
+}
+
+impl Decoder {
+    /// Gives all rows of integers to `sink`, pixel by pixel.
+    fn for_each_row(
+        self,
+        path: &Path,
+        header: &ImageHeader,
+        sink: RowSink<'_, ChartError>,
+    ) -> Result<(), ChartError> {
+        let mut rows = 0;
+        let mut counted = |row: usize, samples: &[u16]| {
+            rows += 1;
+            sink(row, samples)
+        };
+        match self {
+            Self::Png(rows) => rows.for_each_row(path, header, &mut counted)?,
+            Self::Tiff(rows) => rows.for_each_row(path, header, &mut counted)?,
+            Self::Whole(image) => image.for_each_row(path, header, &mut counted)?,
+            Self::Exr(_) => unreachable!("it has no integers"),
+        }
+        match rows == header.size.height {
+            true => Ok(()),
+            false => {
+                let reason = format!("it holds {rows} rows of {}", header.size.height);
+                Err(ChartError::Damaged { path: path.into(), reason })
+            }
+        }
     }
 }
 

@@ -26,6 +26,8 @@ pub enum Stream {
     Dcnu = 17,
     /// Die: offset and gain of a column, at row 0.
     Column = 18,
+    /// What a sample of a data set is made of.
+    Sample = 32,
 }
 
 /// Four words of a counter and a key.
@@ -48,6 +50,18 @@ fn uniform(high: u32, low: u32) -> f64 {
     // k as the fraction of a number in [2⁵², 2⁵³): exact, and vectorizable everywhere.
     let k = f64::from_bits(0x4330_0000_0000_0000 | k) - 4_503_599_627_370_496.0;
     (k + 0.5) * (1.0 / 4_503_599_627_370_496.0)
+}
+
+/// A uniform number of a counter and a key, of no pixel.
+pub fn uniform_of(counter: [u32; 4], key: u64) -> f64 {
+    let word = word_of(counter, key);
+    uniform((word >> 32) as u32, word as u32)
+}
+
+/// 64 random bits of a counter and a key.
+pub fn word_of(counter: [u32; 4], key: u64) -> u64 {
+    let [high, low, ..] = philox4x32(counter, [key as u32, (key >> 32) as u32], ROUNDS);
+    u64::from(high) << 32 | u64::from(low)
 }
 
 /// The two uniform numbers of the pixels (`row`, `column`), (`row`, `column` + 1), …

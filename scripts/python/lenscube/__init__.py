@@ -32,7 +32,7 @@ from ._plan import Plan, plan
 from ._program import path as program
 from ._signatures import describe
 from .camera import compare, develop, sensor, shoot
-from .commands import chart, chart_image, command, depth, export, forecast, measure, run, status, verify
+from .commands import chart, chart_image, command, dataset, depth, export, forecast, measure, run, status, verify
 from .errors import (
     CheckError,
     FailedError,
@@ -50,6 +50,7 @@ describe(
     {
         ("run",): run,
         ("plan",): plan,
+        ("dataset",): dataset,
         ("depth",): depth,
         ("chart",): chart,
         ("chart", "image"): chart_image,
@@ -85,6 +86,7 @@ __all__ = [
     "chart_image",
     "command",
     "compare",
+    "dataset",
     "depth",
     "develop",
     "export",

@@ -143,6 +143,17 @@ def measure(film: Chart, **flags: "Unpack[f.Measure]") -> "xarray.Dataset":
         return dataset(json.loads(result.read_text()), printed, flags_given)
 
 
+def dataset(recipe: PathLike, out: PathLike, **flags: "Unpack[f.Dataset]") -> list[dict[str, Any]]:
+    """Makes the data set of a recipe (TOML, `lenscube help datasets`) in the folder `out`. Returns the lines of its samples: what made each, its labels, its items;
+    of one `part` of several none until all parts are made. The same call resumes. Pictures that cannot be read are a CheckError, once the others are made.
+
+    >>> samples = lenscube.dataset("recipe.toml", "train", samples=1000)
+    """
+    execute(arguments(("dataset",), [recipe, out], {**flags, "json": True}))
+    lines = Path(out) / "samples.jsonl"
+    return [json.loads(line) for line in lines.read_text().splitlines()] if lines.exists() and not flags.get("dry_run") else []
+
+
 def status(film: Chart, **flags: "Unpack[f.Status]") -> dict[str, Any]:
     """What is done of a film or raw: `complete`, `shards`, `shards_done`, `missing`, `bands`, the recorded runs and the job."""
     return json.loads(execute(arguments(("status",), [_films.path_of(film, "film")], {**flags, "json": True})))

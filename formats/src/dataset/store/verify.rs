@@ -1,0 +1,158 @@
+//! Reads a data set back: every item has the length and the digest of its line.
+
+use std::collections::HashMap;
+use std::path::Path;
+
+use serde_json::{Map, Value};
+
+use super::{ALL, DatasetError, DatasetSpec, DatasetStore, UNIT_DIGITS, ZARR, key, recorded};
+use crate::dataset::recipe::Layout;
+use crate::dataset::tar::entries;
+use crate::dataset::zarr::samples;
+use crate::durable::Store;
+
+/// A missing or damaged part.
+#[derive(Clone, Debug, PartialEq)]
+pub struct Finding {
+    /// missing or damaged.
+    pub kind: &'static str,
+    /// The unit's file or the item.
+    pub key: String,
+    /// Its unit.
+    pub unit: u64,
+}
+
+/// Largest shard and item that are read, bytes.
+const MAX_BYTES: u64 = 1 << 34;
+
+impl DatasetStore {
+    /// Opens the data set at `path`.
+    ///
+    /// # Errors
+    /// [`DatasetError`]: there is none, or its record is damaged.
+    pub fn open(path: &Path) -> Result<Self, DatasetError> {
+        let fail = |problem: &str| DatasetError::Foreign { path: path.into(), problem: problem.into() };
+        let record = recorded(path)?.ok_or_else(|| fail("expected a data set, found none"))?;
+        let number = |name: &str| record[name].as_u64().filter(|n| *n > 0);
+        let (Some(samples), Some(per_unit)) = (number("samples"), number("samples_per_unit")) else {
+            return Err(fail("its record has no samples and samples_per_unit above 0"));
+        };
+        let layout = serde_json::from_value(record["as"].clone());
+        let layout = layout.map_err(|_| fail("its record has `as` other than folders, tar and zarr"))?;
+        let text = |name: &str| record[name].as_str().unwrap_or_default().to_owned();
+        let spec = DatasetSpec {
+            digest: text("digest"),
+            samples,
+            per_unit,
+            layout,
+            arrays: Vec::new(),
+            attributes: Map::new(),
+            record: record["record"].as_object().cloned().unwrap_or_default(),
+        };
+        Ok(Self { path: path.into(), files: Store::at(path)?, records: Store::at(path)?, spec })
+    }
+
+    /// Checks `unit`; what is missing or damaged, and the bytes of its items.
+    ///
+    /// # Errors
+    /// [`DatasetError::Storage`].
+    pub fn verify_unit(&self, unit: u64) -> Result<(Vec<Finding>, u64), DatasetError> {
+        let lines_key = super::lines_key(unit);
+        if !self.has(unit)? {
+            return Ok((vec![Finding { kind: "missing", key: lines_key, unit }], 0));
+        }
+        let text = self.lines(unit)?;
+        let parsed: Option<Vec<Value>> = text.lines().map(|line| serde_json::from_str(line).ok()).collect();
+        let numbers = self.spec.of_unit(unit);
+        let lines =
+            parsed.filter(|lines| lines.iter().map(|line| line["sample"].as_u64()).eq(numbers.map(Some)));
+        let Some(lines) = lines else {
+            return Ok((vec![Finding { kind: "damaged", key: lines_key, unit }], 0));
+        };
+        let (mut findings, mut bytes) = (Vec::new(), 0);
+        let mut content = self.content(unit, &lines)?;
+        for line in &lines {
+            for (name, expected) in line["items"].as_object().into_iter().flatten() {
+                let name = format!("{}.{name}", key(line["sample"].as_u64().unwrap_or_default()));
+                let found = match self.spec.layout {
+                    Layout::Folders => {
+                        self.files.read_at_most(&format!("{unit:0UNIT_DIGITS$}/{name}"), MAX_BYTES)?
+                    }
+                    _ => content.remove(&name),
+                };
+                match found {
+                    None => findings.push(Finding { kind: "missing", key: name, unit }),
+                    Some(found) => {
+                        let digest = blake3::hash(&found).to_hex();
+                        if Some(digest.as_str()) != expected["blake3"].as_str() {
+                            findings.push(Finding { kind: "damaged", key: name, unit });
+                        }
+                        bytes += found.len() as u64;
+                    }
+                }
+            }
+        }
+        Ok((findings, bytes))
+    }
+
+    /// Removes the lines of `unit`, so that the same command makes it again.
+    ///
+    /// # Errors
+    /// [`DatasetError::Storage`].
+    pub fn forget(&self, unit: u64) -> Result<(), DatasetError> {
+        self.records.remove(ALL)?;
+        Ok(self.records.remove(&super::lines_key(unit))?)
+    }
+
+    /// Items of a unit that are in one file, by name; none of a damaged file.
+    fn content(&self, unit: u64, lines: &[Value]) -> Result<HashMap<String, Vec<u8>>, DatasetError> {
+        let mut found = HashMap::new();
+        match self.spec.layout {
+            Layout::Folders => {}
+            Layout::Tar => {
+                let file = self.files.read_at_most(&format!("{unit:0UNIT_DIGITS$}.tar"), MAX_BYTES)?;
+                let file = file.unwrap_or_default();
+                let all = entries(&file).unwrap_or_default();
+                found.extend(all.into_iter().map(|(name, bytes)| (name.to_owned(), bytes.to_vec())));
+            }
+            Layout::Zarr => {
+                // Name and length of an array's samples, which all samples share.
+                let arrays: HashMap<&str, usize> = lines
+                    .iter()
+                    .flat_map(|line| line["items"].as_object().into_iter().flatten())
+                    .filter_map(|(name, item)| {
+                        Some((name.split('.').next()?, item["bytes"].as_u64()? as usize))
+                    })
+                    .collect();
+                for (array, length) in arrays {
+                    let key_of = format!("{ZARR}/{array}");
+                    let axes = self.axes(&key_of)?;
+                    let shard = self
+                        .files
+                        .read_at_most(&format!("{key_of}/c/{unit}{}", "/0".repeat(axes)), MAX_BYTES)?;
+                    let all = shard.and_then(|shard| samples(&shard, self.spec.per_unit, length));
+                    for (number, sample) in self.spec.of_unit(unit).zip(all.unwrap_or_default()) {
+                        found.insert(format!("{}.{array}.array", key(number)), sample);
+                    }
+                }
+            }
+        }
+        Ok(found)
+    }
+
+    /// Axes of a sample of the array at `array`, from its metadata.
+    fn axes(&self, array: &str) -> Result<usize, DatasetError> {
+        let metadata = self.records.read_at_most(&format!("{array}/zarr.json"), super::MAX_RECORD)?;
+        let metadata: Option<Value> = metadata.and_then(|bytes| serde_json::from_slice(&bytes).ok());
+        let shape = metadata.as_ref().and_then(|m| m["shape"].as_array().map(Vec::len));
+        Ok(shape.unwrap_or(1).saturating_sub(1).min(8))
+    }
+
+    /// Whether the lines of all units have been joined.
+    ///
+    /// # Errors
+    /// [`DatasetError::Storage`].
+    pub fn is_finished(&self) -> Result<bool, DatasetError> {
+        Ok(self.records.size_of(ALL)?.is_some())
+    }
+}

@@ -1,0 +1,62 @@
+//! `lenscube verify` of a data set: every item is read and has the digest of its line.
+
+use crate::args::VerifyArgs;
+use crate::failure::code;
+use crate::progress::{counting, log_line, plural, print};
+use anyhow::{Context, Result};
+use formats::dataset::store::{DatasetStore, is_one};
+use formats::durable::is_url;
+use serde_json::{Value, json};
+use std::collections::BTreeSet;
+use std::path::Path;
+
+/// The exit code of `verify`, if `args` name a data set.
+pub fn verify(args: &VerifyArgs) -> Result<Option<u8>> {
+    let path = Path::new(&args.film);
+    if is_url(path) || !is_one(path).unwrap_or(false) {
+        return Ok(None);
+    }
+    let store = DatasetStore::open(path)?;
+    let (mut findings, mut bytes) = (Vec::new(), 0);
+    let (bar, progress) = counting("verifying");
+    let units = store.spec().units();
+    for unit in 0..units {
+        let (found, read) = store.verify_unit(unit).with_context(|| path.display().to_string())?;
+        findings.extend(found);
+        bytes += read;
+        progress(unit + 1, units);
+    }
+    bar.finish_and_clear();
+    if findings.is_empty() && !store.is_finished()? {
+        log_line("note: samples.jsonl is missing; the same `lenscube dataset` writes it");
+    }
+    let damaged: BTreeSet<u64> = findings.iter().map(|finding| finding.unit).collect();
+    if args.repair {
+        for unit in &damaged {
+            store.forget(*unit)?;
+        }
+    }
+    if args.json {
+        let list: Vec<Value> =
+            findings.iter().map(|f| json!({"kind": f.kind, "key": f.key, "unit": f.unit})).collect();
+        print(serde_json::to_string_pretty(&json!({
+            "dataset": path.to_string_lossy(), "correct": findings.is_empty(), "samples": store.spec().samples, "bytes": bytes,
+            "findings": list, "repaired_units": if args.repair { damaged.len() } else { 0 },
+        }))?);
+    } else {
+        findings.iter().for_each(|f| print(format!("{}: {}", f.kind, f.key)));
+        let samples = plural(store.spec().samples, "sample");
+        let gb = bytes as f64 * 1e-9;
+        match findings.len() {
+            0 => print(format!("{} is correct: no defect in {samples}, {gb:.3} GB", path.display())),
+            n => print(format!("{}: {} in {samples}, {gb:.3} GB", path.display(), plural(n, "defect"))),
+        }
+        if args.repair && !damaged.is_empty() {
+            log_line(format!(
+                "{} will be made again by the same `lenscube dataset`",
+                plural(damaged.len(), "unit")
+            ));
+        }
+    }
+    Ok(Some(if findings.is_empty() { 0 } else { code::WRONG }))
+}
