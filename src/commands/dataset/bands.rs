@@ -122,7 +122,7 @@ impl Bands {
     }
 }
 
-fn check_ascends(nm: &Vec<f64>) -> Result<()> {
+fn check_ascends(nm: &[f64]) -> Result<()> {
     match nm.windows(2).find(|w| w[0] >= w[1]) {
         None if !nm.is_empty() => Ok(()),
         None => Err(usage("pictures.wavelengths_nm: expected one or more numbers, found none")),

@@ -27,6 +27,9 @@ use std::sync::{Arc, Mutex};
 /// Developments that are kept.
 const MAX_DEVELOPMENTS: usize = 32;
 
+/// A development by sensor, gain and size of the raw.
+type Known = ((usize, u64, Size), Arc<Development>);
+
 /// The sensors of a data set, their exposures and the development.
 pub struct Camera<'a> {
     recipe: &'a Recipe,
@@ -38,8 +41,8 @@ pub struct Camera<'a> {
     noise: NoiseSet,
     nominal_s: f64,
     nm: Vec<f64>,
-    /// Developments that are known: by sensor, gain and size.
-    known: Mutex<Vec<((usize, u64, Size), Arc<Development>)>>,
+    /// The last developments.
+    known: Mutex<Vec<Known>>,
 }
 
 /// A raw, and what it was taken with.

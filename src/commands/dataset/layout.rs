@@ -38,7 +38,7 @@ pub fn spec(maker: &Maker<'_>, limit: MemoryLimit) -> Result<DatasetSpec> {
     };
     let bytes: usize = arrays.iter().map(ArraySpec::bytes).sum();
     let fitting =
-        if bytes == 0 { UNSIZED_UNIT } else { (UNIT_BYTES / bytes).clamp(1, MAX_UNIT as usize) as u64 };
+        UNIT_BYTES.checked_div(bytes).map_or(UNSIZED_UNIT, |n| n.clamp(1, MAX_UNIT as usize) as u64);
     let per_unit = recipe.output.unit.unwrap_or(fitting);
     if bytes as u64 * per_unit * 3 > limit.bytes {
         return Err(limit.too_small(format!(
