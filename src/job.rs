@@ -329,6 +329,9 @@ impl<'a> UntracedJob<'a> {
         }
         notes.extend(device.notes);
         let mut source = identity::source(args, &inputs.chart);
+        if plan.lens.is_sealed() {
+            source["lens"] = plan.lens.lens().name.clone().into();
+        }
         if let Some(request) = request {
             source[LENS_REQUEST] = request;
         }

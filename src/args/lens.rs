@@ -19,6 +19,9 @@ use pipeline::design::wavefront::SAMPLES;
 use pipeline::geometry::Size;
 use std::path::PathBuf;
 
+/// Most characters of the name of a sealed lens.
+const MAX_NAME: usize = 120;
+
 /// `lenscube lens`
 #[derive(Debug, Args)]
 #[command(
@@ -350,6 +353,13 @@ pub struct TraceArgs {
     /// [default: psfs up to 1 GB uncompressed, else pupils]
     #[arg(long, value_enum, conflicts_with = "depths_m")]
     pub store: Option<Store>,
+    /// Make a pack for others, without the design: no names of files, glasses and coatings, no title, no drawn errors, no place of the film in the design; `lenscube help
+    /// lenses` lists what it still reveals
+    #[arg(long, help_heading = "Sealed packs")]
+    pub sealed: bool,
+    /// Name of the lens in a sealed pack and in films made with it
+    #[arg(long, value_name = "NAME", value_parser = lens_name, default_value = "sealed lens", requires = "sealed", help_heading = "Sealed packs")]
+    pub name: String,
     /// Object distance in focus, m from the entrance pupil: the film moves there. `--image-plane design` keeps its distance from the paraxial
     /// image [default: the film and object distance of the design]
     #[arg(long, value_name = "M", value_parser = focus_m, conflicts_with = "object_distance_mm", help_heading = "Depth")]
@@ -369,6 +379,16 @@ pub struct TraceArgs {
     /// Parameters of the design.
     #[command(flatten)]
     pub parameters: DesignArgs,
+}
+
+/// The name of a lens.
+fn lens_name(text: &str) -> Result<String, String> {
+    let is_valid =
+        |text: &str| !text.is_empty() && text.chars().count() <= MAX_NAME && !text.contains(char::is_control);
+    Some(text.trim())
+        .filter(|text| is_valid(text))
+        .map(str::to_owned)
+        .ok_or_else(|| format!("expected a name of 1 to {MAX_NAME} characters on one line"))
 }
 
 /// What a pack has of its PSFs.

@@ -155,17 +155,7 @@ impl UntracedLens {
     pub fn open_focused(name: &str, given: &DepthArgs, tracing: &TracingArgs) -> Result<Self> {
         if design::is_design(name) {
             let (system, file) = design::focused(name, &tracing.design(&given.gap), given.focus_m)?;
-            let (name, tracing) = (name.to_owned(), Some(tracing.clone()));
-            let (system, asymmetric) =
-                AsymmetricLens::of_design(system).with_context(|| format!("design {name}"))?;
-            return Ok(Self::Design(Box::new(UntracedDesign {
-                system,
-                name,
-                file,
-                tracing,
-                bands: None,
-                asymmetric,
-            })));
+            return Self::of_design(name, system, file, tracing.clone());
         }
         let pack = Box::new(open::lens(name)?);
         if let [flags @ .., last] = &tracing.given()[..] {
@@ -180,6 +170,22 @@ impl UntracedLens {
                 "--focus-m, --gap and --depth-tolerance are for designs; lens `{name}` is a lens pack, whose focus and depth nodes were set when it was traced"
             ))),
         }
+    }
+
+    /// The design `system`, opened as `name` from `file`, to be traced as `tracing` says.
+    ///
+    /// # Errors
+    /// Parts that designs without rotational symmetry do not have.
+    pub fn of_design(
+        name: &str,
+        system: System,
+        file: Option<DesignFile>,
+        tracing: TracingArgs,
+    ) -> Result<Self> {
+        let (name, tracing) = (name.to_owned(), Some(tracing));
+        let (system, asymmetric) =
+            AsymmetricLens::of_design(system).with_context(|| format!("design {name}"))?;
+        Ok(Self::Design(Box::new(UntracedDesign { system, name, file, tracing, bands: None, asymmetric })))
     }
 
     /// The lens for the bands of a chart at `chart_nm`, which `--band-samples` integrates over their widths.
@@ -397,6 +403,11 @@ impl JobLens {
             Self::Pack(pack) => Some(pack),
             Self::Traced(_) => None,
         }
+    }
+
+    /// Whether it is a sealed pack, of which a film records no file.
+    pub fn is_sealed(&self) -> bool {
+        self.pack().is_some_and(|pack| pack.attributes().sealed)
     }
 
     /// PSFs of band `band` of [`JobLens::lens`].

@@ -10,6 +10,7 @@ mod figures;
 mod ghosts;
 mod opticstudio;
 mod runs;
+mod sealed;
 mod tolerance;
 
 use crate::common::{

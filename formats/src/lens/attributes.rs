@@ -21,6 +21,8 @@ pub(super) const EXTRAS: &str = "extras";
 pub(super) const TAIL: &str = "tail";
 /// Attribute with the places of the PSFs of a lens without rotational symmetry.
 pub(super) const PSF_FIELD: &str = "psf_field";
+/// Attribute of a sealed pack, true.
+pub(super) const SEALED: &str = "sealed";
 /// Attribute with the film place of the PSFs.
 pub(super) const REFERENCE_POINT: &str = "reference_point";
 
@@ -92,6 +94,25 @@ pub struct PackAttributes {
     pub errors: Option<Value>,
     /// What compensates them: shift and tilt of the film, boresight.
     pub compensators: Option<Value>,
+    /// Whether its maker sealed it ([`PackAttributes::sealed`]).
+    pub sealed: bool,
+}
+
+impl PackAttributes {
+    /// What a sealed pack has of these: conventions, accuracy and the program. Without design and coatings, the place of the film in the design, drawn errors
+    /// and their compensation.
+    #[must_use]
+    pub fn sealed(self) -> Self {
+        let program = self.source.as_ref().and_then(|source| source.get("program")).cloned();
+        Self {
+            frame: self.frame,
+            psf_tolerance: self.psf_tolerance,
+            source: program.map(|program| serde_json::json!({ "program": program })),
+            reference_point: self.reference_point,
+            sealed: true,
+            ..Self::default()
+        }
+    }
 }
 
 /// Attributes of a group with schema [`SCHEMA`], [`DEPTH_SCHEMA`], [`PUPIL_SCHEMA`] or [`PLANAR_SCHEMA`].
@@ -193,6 +214,15 @@ impl<'a> Attributes<'a> {
     /// Any JSON value.
     pub(super) fn any(&self, name: &str) -> Option<Value> {
         self.map.get(name).filter(|v| !v.is_null()).cloned()
+    }
+
+    /// The optional mark of a sealed pack.
+    pub(super) fn sealed(&self) -> Result<bool, LensPackError> {
+        match self.map.get(SEALED) {
+            None | Some(Value::Null) => Ok(false),
+            Some(Value::Bool(sealed)) => Ok(*sealed),
+            Some(_) => Err(self.invalid(SEALED, "true or false")),
+        }
     }
 
     /// A text; a value of another type counts as missing.

@@ -136,6 +136,7 @@ pub(super) fn tables(store: &PackStore, notes: &mut Vec<String>) -> Result<Table
         reference_point: head.reference_point()?,
         errors: head.any("errors"),
         compensators: head.any("compensators"),
+        sealed: head.sealed()?,
     };
     Ok(Tables { lens, attributes, has_pupils, reading_bytes })
 }

@@ -58,6 +58,9 @@ pub struct LensSummary {
     pub sampling: String,
     /// "PSFs", or "pupil functions" that PSFs are computed from.
     pub stored: &'static str,
+    /// Whether its maker sealed it.
+    #[serde(skip_serializing_if = "std::ops::Not::not")]
+    pub sealed: bool,
     /// Depth nodes and focus.
     pub depth: Option<String>,
     /// Defaults used for missing arrays and attributes.
@@ -148,6 +151,7 @@ pub fn summary(pack: &LensPack, all_bands: bool, rotation_error: Option<f64>) ->
             PsfSample::Point => point_sampling(bands, lens.f_number),
             PsfSample::Integrated => integrated_sampling(rotation_error),
         },
+        sealed: other.sealed,
         stored: if pack.has_pupils() { "pupil functions" } else { "PSFs" },
         depth: lens.depth.as_ref().map(depth_summary),
         notes: pack.notes().to_vec(),
@@ -273,6 +277,12 @@ impl fmt::Display for LensSummary {
             }
         }
         writeln!(f, "sampling       {}; stored as {}", self.sampling, self.stored)?;
+        if self.sealed {
+            writeln!(
+                f,
+                "sealed         by its maker: without design, coatings, drawn errors and names of files"
+            )?;
+        }
         if let Some(planar) = &self.planar {
             planar.write_head(f)?;
         }

@@ -12,7 +12,7 @@ mod tail;
 use super::array::MAX_SAMPLES;
 use super::attributes::{
     DEPTH_SCHEMA, EXTRAS, PLANAR_SCHEMA, PSF_FIELD, PUPIL_SCHEMA, PackAttributes, REFERENCE_POINT, SCHEMA,
-    TAIL,
+    SEALED, TAIL,
 };
 use super::error::LensPackError;
 use super::read::SUM_TOLERANCE;
@@ -421,6 +421,10 @@ fn root_attributes(lens: &Lens, other: &PackAttributes) -> Value {
         if let Some(value) = value {
             attributes[name] = value.clone();
         }
+    }
+    // Absent otherwise: packs are those of programs without it.
+    if other.sealed {
+        attributes[SEALED] = true.into();
     }
     attributes
 }

@@ -3,6 +3,7 @@
 mod built;
 pub mod depth;
 mod estimate;
+mod sealed;
 mod writer;
 
 use crate::args::{Store, TraceArgs};
@@ -42,6 +43,7 @@ const MAX_PSF_MB: f64 = 1000.0;
 /// Runs the command.
 pub fn command(args: &TraceArgs) -> Result<()> {
     let start = Instant::now();
+    sealed::check(args)?;
     let (system, depth) = system(args)?;
     for note in &system.notes {
         log_line(format!("note: {note}"));
@@ -83,7 +85,7 @@ pub fn command(args: &TraceArgs) -> Result<()> {
     } else {
         detail_line(text)
     }
-    let stored = args.store.unwrap_or_else(|| default_store(psf_mb));
+    let stored = sealed::stored(args, default_store(psf_mb));
     if args.store.is_none() && stored == Store::Pupils {
         log_line(pupils_note(psf_mb));
     }
@@ -109,7 +111,7 @@ pub fn command(args: &TraceArgs) -> Result<()> {
     if let Some(drawn) = drawn {
         (attributes.errors, attributes.compensators) = (Some(drawn.record), Some(unmoved()));
     }
-    pack.finish(&lens, &attributes)?;
+    sealed::finish(args, pack, &lens, attributes)?;
     if let Some(note) = tails::note(&reports) {
         log_line(note);
     }

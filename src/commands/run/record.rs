@@ -6,6 +6,7 @@ use crate::failure;
 use crate::film::record::{Outcome, RunRecord};
 use crate::job::Job;
 use crate::job::depth::Depth;
+use crate::job::lens::JobLens;
 use crate::machine::peak_resident;
 use crate::open::Chart;
 use crate::progress::jsonl::Jsonl;
@@ -99,6 +100,15 @@ pub fn write(
     }
 }
 
+/// The words of the command; of a sealed lens without the path of its pack.
+fn command_line(lens: &JobLens) -> Vec<String> {
+    let words = std::env::args_os().map(|word| word.to_string_lossy().into_owned());
+    match lens.pack().filter(|_| lens.is_sealed()).map(|pack| pack.path().display().to_string()) {
+        None => words.collect(),
+        Some(path) => words.map(|word| word.replace(&path, &lens.lens().name)).collect(),
+    }
+}
+
 fn record(
     job: &Job,
     units: Option<&Units>,
@@ -116,7 +126,7 @@ fn record(
     let interrupted = summary.is_some_and(|s| s.interrupted);
     let details = object! {
         "program": concat!("lenscube ", env!("CARGO_PKG_VERSION")),
-        "command_line": std::env::args_os().map(|a| a.to_string_lossy().into_owned()).collect::<Vec<_>>(),
+        "command_line": command_line(&job.lens),
         "host": ProcessIdentity::current().host,
         "plan": units.map(|u| &u.name),
         "units": units.map(Units::listed),

@@ -1,7 +1,7 @@
 //! `lenscube lens trace` of a lens without rotational symmetry: as built (`--tolerances`), or by design.
 
 use super::writer::write_beside;
-use super::{band_line, create_pack, default_store, pupils_note, summary};
+use super::{band_line, create_pack, default_store, pupils_note, sealed, summary};
 use crate::args::{Store, TraceArgs};
 use crate::failure::usage;
 use crate::job::lens::attributes::attributes;
@@ -165,7 +165,7 @@ impl Planar<'_> {
                 // PSFs are largest at the shortest wavelength, which is the first: how many there are is known only then.
                 let stored = *stored.get_or_insert_with(|| {
                     let psf_mb = psf_mb(&band.psf, options.wavelengths_nm.len());
-                    let stored = default_store(psf_mb);
+                    let stored = sealed::stored(args, default_store(psf_mb));
                     if stored == Store::Pupils {
                         bar.suspend(|| log_line(pupils_note(psf_mb)));
                     }
@@ -179,7 +179,8 @@ impl Planar<'_> {
         let context = || format!("tracing {what}");
         let (traced, pack) = result.with_context(context)?;
         let lens = traced.with_context(context)?;
-        pack.finish(&lens, &record(attributes(&args.design, &args.parameters, options, &reports)))?;
+        let attributes = record(attributes(&args.design, &args.parameters, options, &reports));
+        sealed::finish(args, pack, &lens, attributes)?;
         for line in summary(&args.out, options, &reports, start.elapsed().as_secs_f64()) {
             log_line(line);
         }

@@ -1,6 +1,6 @@
 //! `lenscube lens trace --depths-m`: a pack with depth nodes.
 
-use super::{LONG_S, bytes_of, create_pack};
+use super::{LONG_S, bytes_of, create_pack, sealed};
 use crate::args::TraceArgs;
 use crate::failure::usage;
 use crate::job::lens::attributes::attributes;
@@ -92,7 +92,8 @@ pub fn trace(
     }
     let nodes: usize = head.bands.iter().map(|b| b.nodes.len()).sum();
     lens.depth = Some(head);
-    pack.finish(&lens, &attributes(&args.design, &args.parameters, options, &reports))?;
+    let attributes = attributes(&args.design, &args.parameters, options, &reports);
+    sealed::finish(args, pack, &lens, attributes)?;
     log_line(format!(
         "{}: {}, {nodes} depth nodes traced in {:.1} s, {:.1} MB; use it with `lenscube run CHART FILM --lens {0} --depth DEPTH`",
         args.out.display(),
