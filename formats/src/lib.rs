@@ -8,6 +8,8 @@
 //! | [`mod@design`] | lens files: readers and writers of prescriptions, glass catalogues, the built-in lenses |
 //! | [`mod@import`] | tables and PSFs of lenses from other programs |
 //! | [`mod@camera_model`] | distortion of a lens in files of OpenCV, COLMAP, DriveWorks and lensfun, and as CSV |
+//! | [`mod@isetcam`] | optics of ISETCam's ray-trace model as a MAT-file |
+//! | [`mod@psf_grid`] | PSFs of a lens on a grid of places: FITS, NPY, Zarr |
 //! | [`mod@export`] | films as OpenEXR, TIFF or flat files |
 //! | [`mod@raw`], [`mod@sensor`] | raws of a sensor; descriptions of sensors |
 //! | `mesh` | triangle meshes of glTF, OBJ and PLY files (feature `mesh`) |
@@ -47,12 +49,15 @@ pub mod escape;
 pub mod export;
 pub mod features;
 pub mod film;
+mod fits;
 pub mod group;
 mod hierarchy;
 mod image;
 pub mod import;
 mod inflate;
+pub mod isetcam;
 pub mod lens;
+mod mat;
 #[cfg(feature = "mesh")]
 pub mod mesh;
 pub mod mesh_name;
@@ -60,6 +65,7 @@ mod npy;
 mod object;
 pub mod parallel;
 pub mod picture;
+pub mod psf_grid;
 pub mod pyramid;
 pub mod raw;
 mod sample;

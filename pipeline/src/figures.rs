@@ -12,6 +12,7 @@
 //! Strehl ratio, because the peak is averaged. Heights are linear between field points, PSFs between their heights, as on the film.
 //! Source: Goodman, Introduction to Fourier Optics, 6.3-6.4; Born & Wolf 9.1.
 
+pub mod effective_psf;
 mod encircled;
 pub mod on_film;
 

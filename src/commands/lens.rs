@@ -9,7 +9,7 @@ pub mod convert;
 mod cross_section;
 mod curves;
 mod diff;
-mod export;
+pub mod export;
 mod film_diff;
 pub mod film_figures;
 mod film_lens;

@@ -160,7 +160,8 @@ fn of_lens(command: &LensCommand) -> Guard {
             .may_write("OUT", args.out.as_ref())
             .may_write("--sections", args.sections.as_ref()),
         LensCommand::Export(args) => {
-            of_design(&args.lens, &args.parameters).may_write("OUT", args.out.as_ref())
+            let guard = of_design(&args.lens, &args.parameters);
+            lens::export::files(args).into_iter().fold(guard, |guard, path| guard.writes("OUT", path))
         }
         LensCommand::Trace(args) => of_design(&args.design, &args.parameters)
             .reads_tolerances(&args.built)

@@ -6,6 +6,7 @@ mod coatings;
 mod commands;
 mod design_files;
 mod export;
+mod export_psfs;
 mod figures;
 mod ghosts;
 mod opticstudio;

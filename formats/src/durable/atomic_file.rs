@@ -1,7 +1,7 @@
 //! A file written under a temporary name in its directory, flushed, then renamed: absent, old or complete, never in between.
 
 use std::fs::File;
-use std::io::{ErrorKind, Write};
+use std::io::{ErrorKind, Read, Seek, SeekFrom, Write};
 use std::path::{Path, PathBuf};
 
 #[cfg(target_os = "linux")]
@@ -16,6 +16,9 @@ use super::step::FileStep;
 use super::sweep::sweep_entries;
 use super::temp::temp_name;
 use super::url::is_url;
+
+/// Bytes that are read again at a time.
+const READ_BYTES: usize = 1 << 20;
 
 /// A file that is being written. Dropped before [`AtomicFile::finish`], it is removed.
 #[derive(Debug)]
@@ -67,6 +70,25 @@ impl AtomicFile {
     /// A writer into the file, from where the last one ended.
     pub fn writer(&self) -> FileWriter<'_> {
         FileWriter::new(&self.file)
+    }
+
+    /// Whether the bytes of the file, read again, have the digest `expected`.
+    ///
+    /// # Errors
+    /// [`DurableError`]: it cannot be read.
+    pub(crate) fn reads_as(&self, expected: blake3::Hash) -> Result<bool, DurableError> {
+        let hash = |mut file: &File| {
+            let (mut digest, mut buffer) = (blake3::Hasher::new(), vec![0; READ_BYTES]);
+            file.seek(SeekFrom::Start(0))?;
+            loop {
+                match file.read(&mut buffer)? {
+                    0 => return Ok(digest.finalize()),
+                    n => digest.update(&buffer[..n]),
+                };
+            }
+        };
+        let read = hash(&self.file).map_err(|e| DurableError::io("read", &self.path, 0, e))?;
+        Ok(read == expected)
     }
 
     /// Flushes the file to the disk and renames it to its final path.

@@ -111,19 +111,9 @@ impl<'a> BandOnFilm<'a> {
         sample: PsfSample,
         mut read: impl FnMut(usize) -> Result<Vec<f32>, E>,
     ) -> Result<(usize, Vec<f32>), E> {
-        let mut nodes = Vec::new();
-        let [dx_px, dy_px] = place_mm.map(|mm| mm / self.pitch_mm);
-        let (mut r, mut theta) = ([0.0], [0.0]);
-        let pixel = BlockPlace { dy_px, dx_px, rows: 1, cols: 1 };
-        let extent = self.grid.coordinates(&pixel, 1, &mut r, &mut theta);
-        self.grid.touching(&extent, &mut nodes);
         let (mut size, mut sum, mut s) = (0, Vec::new(), KernelScratch::default());
         let mut kernels: Option<(usize, NodeKernels, NodeGrid)> = None;
-        for (node, weight) in nodes {
-            let weight = weight.at(r[0], theta[0], extent.wraps);
-            if weight <= 0.0 {
-                continue;
-            }
+        for (node, weight) in self.weights(place_mm) {
             let set = self.grid.psf_set(node);
             let (_, kernels, grid) = match kernels.take_if(|found| found.0 == set) {
                 Some(same) => kernels.insert(same),
@@ -139,6 +129,29 @@ impl<'a> BandOnFilm<'a> {
             sum.iter_mut().zip(&kernel).for_each(|(sum, v)| *sum += weight * v);
         }
         Ok((size, sum))
+    }
+
+    /// The share of all light inside the PSF windows at a film place: that of the nodes by their weights, of a node between two azimuths that of the nearer.
+    pub fn energy(&self, place_mm: [f64; 2]) -> f64 {
+        let energy = |node: Node| {
+            let rows = self.grid.psf_rows(self.grid.psf_set(node));
+            let azimuth = self.grid.azimuth_rad(node) / std::f64::consts::TAU;
+            let nearest = (azimuth * rows.len() as f64).round() as usize % rows.len();
+            self.band.psf_energy[rows.start + nearest]
+        };
+        self.weights(place_mm).iter().map(|(node, weight)| f64::from(*weight) * energy(*node)).sum()
+    }
+
+    /// The nodes of the kernel at a film place and their weights, those above 0.
+    fn weights(&self, place_mm: [f64; 2]) -> Vec<(Node, f32)> {
+        let mut nodes = Vec::new();
+        let [dx_px, dy_px] = place_mm.map(|mm| mm / self.pitch_mm);
+        let (mut r, mut theta) = ([0.0], [0.0]);
+        let pixel = BlockPlace { dy_px, dx_px, rows: 1, cols: 1 };
+        let extent = self.grid.coordinates(&pixel, 1, &mut r, &mut theta);
+        self.grid.touching(&extent, &mut nodes);
+        let weights = nodes.iter().map(|(node, weight)| (*node, weight.at(r[0], theta[0], extent.wraps)));
+        weights.filter(|(_, weight)| *weight > 0.0).collect()
     }
 
     /// Kernels of the set of `node` alone, with the PSFs `samples`, and the grid of its nodes.

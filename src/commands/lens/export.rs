@@ -1,10 +1,16 @@
-//! `lenscube lens export`: the distortion of a lens as the camera model of another program.
+//! `lenscube lens export`: the distortion of a lens as the camera model of another program, or its PSFs.
 //!
-//! [`pipeline::camera_model`] has the equations.
+//! [`pipeline::camera_model`] and [`pipeline::figures::effective_psf`] have the equations.
 
 mod film;
 mod fit;
+mod isetcam;
 mod opened;
+mod psf_film;
+mod psf_lens;
+mod psfs;
+
+pub use psfs::files;
 
 use crate::args::{Bands, LensExportArgs, ModelArg};
 use crate::failure::{Coded, code, usage};
@@ -25,6 +31,12 @@ const BANDS: Bands = [620.0, 540.0, 460.0];
 /// Runs the command.
 pub fn command(args: &LensExportArgs) -> Result<()> {
     check(args)?;
+    if args.model.has_psfs() {
+        return match args.model {
+            ModelArg::IsetCam => isetcam::export(args),
+            _ => psfs::export(args),
+        };
+    }
     if let Some(out) = &args.out {
         check_absent(out, args.overwrite)?;
     }
@@ -68,13 +80,37 @@ pub fn command(args: &LensExportArgs) -> Result<()> {
 /// Fails for flags that the model does not have.
 fn check(args: &LensExportArgs) -> Result<()> {
     let is_lensfun = args.model == ModelArg::Lensfun;
+    let of_psfs = [
+        ("--wavelengths", args.wavelengths.is_some()),
+        ("--grid", args.grid.is_some()),
+        ("--oversample", args.oversample.is_some()),
+        ("--psf-window", args.psf_window.is_some()),
+    ];
+    if let Some((flag, _)) = of_psfs.iter().find(|(_, is_given)| *is_given && !args.model.has_psfs()) {
+        return Err(usage(format!(
+            "{flag} is for PSFs (--as psf-fits, psf-npy, psf-zarr, isetcam), not for {}",
+            args.model.name()
+        )));
+    }
     match () {
         () if is_lensfun && args.band.is_some() => {
             Err(usage("--band: lensfun has red, green and blue; give --bands R,G,B"))
         }
+        () if args.model.has_psfs() && args.bands.is_some() => {
+            Err(usage(format!("--bands is for lensfun; give --wavelengths for {}", args.model.name())))
+        }
         () if !is_lensfun && args.bands.is_some() => {
             Err(usage(format!("--bands: {} has one wavelength; give --band", args.model.name())))
         }
+        () if args.model.has_psfs() && args.max_residual.is_some() => Err(usage(format!(
+            "--max-residual is for models that are fitted; {} has PSFs",
+            args.model.name()
+        ))),
+        () if args.model.has_psfs() && args.out.is_none() => Err(usage(format!(
+            "{} is written to a file: give its name, `lenscube lens export {} OUT --as {0}`",
+            args.model.name(),
+            args.lens
+        ))),
         () => Ok(()),
     }
 }

@@ -24,6 +24,8 @@ const LINES: &[&str] = &[
     "lens tolerance design --import-tol --output=output --glass-catalog=glass_catalog | output",
     "lens camera design --film-size=9 --glass-catalog=glass_catalog |",
     "lens export lens out --as=lut --glass-catalog=glass_catalog --coatings=coatings.toml | out",
+    "lens export lens out --as=psf-npy --grid=2 | out",
+    "lens export lens out --as=psf-fits --wavelengths=450,550 | out",
     "lens list --plot=plot | plot",
     "lens convert design out.zmx --glass-catalog=glass_catalog --coatings=coatings.toml | out.zmx",
     "lens import source out | out",

@@ -71,6 +71,9 @@ impl Fitted<'_> {
             ModelArg::Lut => self.table(),
             ModelArg::Lensfun => self.lensfun(),
             ModelArg::Colmap => self.colmap(args.colmap_model),
+            ModelArg::PsfFits | ModelArg::PsfNpy | ModelArg::PsfZarr | ModelArg::IsetCam => {
+                unreachable!("not fitted")
+            }
         }
     }
 
