@@ -141,7 +141,7 @@ fn check_takes_var(spec: &str, var: &str) -> Result<()> {
         return Ok(());
     }
     Err(usage(format!(
-        "--var selects an array of a Zarr store or of HDF5 (.mat v7.3, NetCDF-4), not of `{spec}`"
+        "--var selects an array of a Zarr store or of HDF5 (NetCDF-4) or MATLAB (.mat), not of `{spec}`"
     )))
 }
 

@@ -5,6 +5,7 @@
 //! | Zarr v2 or v3 array, in a directory or at a URL | [`ChartStore`] |
 //! | flat file: `.npy` (CF attributes in `NAME.npy.attributes.json`), ENVI, raw samples | [`RasterChart`] |
 //! | HDF5, NetCDF-4, MATLAB 7.3 | module [`hdf5`] |
+//! | MATLAB before 7.3, scenes of ISETCam among them | module [`matlab`] |
 //! | OpenEXR with spectral channels | [`exr::open`] |
 //! | grey PNG or TIFF per band; TIFF of several bands | module [`pictures`] |
 //! | scene ([`crate::scene`]): weights of spectra | [`SceneChart`] |
@@ -60,6 +61,7 @@ mod identity;
 pub mod image;
 mod interleave;
 mod layout;
+pub mod matlab;
 mod memory;
 mod node;
 mod open;

@@ -8,8 +8,10 @@
 //! compressed an element of type 15: a zlib stream of one element
 //! ```
 
+mod read;
 mod write;
 
+pub(crate) use read::{MAX_VALUES, MatArray, MatError, MatFile, Stream};
 pub(crate) use write::{MatValue, file};
 
 const HEADER: usize = 128;

@@ -25,7 +25,7 @@ use std::path::PathBuf;
 /// A job: the arguments shared by `lenscube run` and `lenscube plan`, which commands that make a film request by [`RunArgs::new`].
 #[derive(Clone, Debug, PartialEq, Args)]
 pub struct RunArgs {
-    /// Chart: PATH or PATH//array of a Zarr store, local or at a URL; HDF5, NetCDF-4 or .mat v7.3 (cube.mat//rad); .npy; ENVI (.hdr); TIFF of several bands; spectral .exr; folder or
+    /// Chart: PATH or PATH//array of a Zarr store, local or at a URL; HDF5, NetCDF-4 or .mat (cube.mat//rad); .npy; ENVI (.hdr); TIFF of several bands; spectral .exr; folder or
     /// '*.png' of grey pictures, one per band; raw samples; or gen:KIND?size=14141&…; a scene, or of `run` a mesh (.glb, .gltf, .obj, .ply)
     #[arg(value_name = "CHART")]
     pub chart: String,

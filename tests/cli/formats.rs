@@ -139,7 +139,13 @@ fn missing_wavelengths_and_misplaced_axes_are_usage_errors() {
     assert_error_line(&films.run("hdf5/filters.h5", &[]), 1, &["several have three axes", "scene/lzf"]);
     assert_error_line(&films.run("hdf5/matlab.mat//rad", &["--var", "rad"]), 2, &["names its array"]);
     assert_error_line(&films.run(npy, &["--var", "rad"]), 2, &["--var", "y-x-wavelength.npy"]);
-    assert_error_line(&films.run("hdf5/matlab-v5.mat", &[]), 1, &["scipy.io.loadmat", "numpy.save"]);
+    assert_error_line(&films.run("hdf5/matlab-v5.mat", &[]), 2, &["2 bands", "--wavelengths"]);
+    assert_error_line(&films.run("matlab/scene.mat//no", &[]), 1, &["no", "scene/data/photons [4, 5, 3]"]);
+    assert_error_line(
+        &films.run("matlab/photons.mat", &["--axes", "y,x,wavelength"]),
+        2,
+        &["--axes", "permute"],
+    );
     assert_error_line(&films.run("hdf5/netcdf3.nc", &[]), 1, &["NetCDF-3", "to_zarr"]);
     assert_exit(&films.run(npy, &["--axes", "y,z,x"]), 2, &["--axes", "wavelength, y and x"]);
     let colour = "pictures/colour/rgb.png";

@@ -18,6 +18,7 @@ use super::error::ChartError;
 use super::exr::{self, ExrContent, ExrFile};
 use super::foreign;
 use super::hdf5::{self, Hdf5Chart};
+use super::matlab;
 use super::open::split_array;
 use super::options::{ChartOptions, NanPolicy};
 use super::pictures;
@@ -135,7 +136,7 @@ static FORMATS: &[Format] = &[
         open: |spec, request| decoded(pictures::open_tiff(Path::new(spec), request.nan)?, request),
     },
     Format {
-        name: "HDF5 (.h5, .mat v7.3, NetCDF-4)",
+        name: "HDF5 (.h5, NetCDF-4)",
         is_one_file: true,
         declares_axes: None,
         holds_arrays: true,
@@ -147,6 +148,17 @@ static FORMATS: &[Format] = &[
                 Hdf5Chart::Raster(chart) => raster(*chart, request),
                 Hdf5Chart::Decoded(chart) => decoded(*chart, request),
             }
+        },
+    },
+    Format {
+        name: "MATLAB (.mat)",
+        is_one_file: true,
+        declares_axes: Some("MATLAB's arrays are y, x, wavelength (`permute` changes their axes)"),
+        holds_arrays: true,
+        detects: |spec| matlab::is_matlab(Path::new(split_array(spec).0)),
+        open: |spec, request| {
+            let (file, array) = split_array(spec);
+            decoded(matlab::open(Path::new(file), array, request.nan)?, request)
         },
     },
     Format {

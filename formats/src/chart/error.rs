@@ -16,7 +16,7 @@ pub enum ChartError {
     Usage(String),
     /// No file or directory.
     #[error(
-        "opening chart {path}: not found; expected a Zarr store (PATH or PATH//array), a .npy file, HDF5 (.mat v7.3, NetCDF-4), an ENVI header (.hdr), a multi-band TIFF, a spectral .exr, or a folder or pattern of pictures"
+        "opening chart {path}: not found; expected a Zarr store (PATH or PATH//array), a .npy file, HDF5 (NetCDF-4), MATLAB (.mat), an ENVI header (.hdr), a multi-band TIFF, a spectral .exr, or a folder or pattern of pictures"
     )]
     NotFound {
         /// The requested path.

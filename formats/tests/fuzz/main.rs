@@ -1,4 +1,4 @@
-//! Fuzz targets of this crate: charts (metadata, chunks, flat files, OpenEXR), lens packs, lens files, tolerances, importers, pictures, meshes, scenes. Harness: `tests/fuzz_support`.
+//! Fuzz targets of this crate: charts (metadata, chunks, flat files, OpenEXR, MATLAB), lens packs, lens files, tolerances, importers, pictures, meshes, scenes. Harness: `tests/fuzz_support`.
 
 #[path = "../../../tests/fuzz_support/mod.rs"]
 mod fuzz_support;
@@ -10,6 +10,7 @@ mod designs;
 mod hdf5;
 mod importers;
 mod json;
+mod matlab;
 #[cfg(feature = "mesh")]
 mod meshes;
 mod pack;
