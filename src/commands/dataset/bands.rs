@@ -50,7 +50,7 @@ impl Bands {
             order.sort_by(|a, b| a.0.total_cmp(&b.0));
             let unit: Vec<[f32; 3]> =
                 order.iter().map(|(_, k)| std::array::from_fn(|c| f32::from(u8::from(c == *k)))).collect();
-            let wavelengths_nm = order.iter().map(|(nm, _)| *nm).collect();
+            let wavelengths_nm: Vec<f64> = order.iter().map(|(nm, _)| *nm).collect();
             check_ascends(&wavelengths_nm)?;
             return Ok(Self { wavelengths_nm, of_rgb: unit.clone(), to_rgb: unit, are_colours: true });
         }
