@@ -45,6 +45,7 @@ const LENS_PART: u64 = 2;
 /// Runs the command; the exit code.
 pub fn command(args: &DatasetArgs) -> Result<u8> {
     let start = Instant::now();
+    interrupt::listen();
     if is_url(&args.out) {
         return Err(usage(format!(
             "OUT {}: expected a folder of this machine, found a URL",
@@ -98,7 +99,12 @@ pub fn command(args: &DatasetArgs) -> Result<u8> {
 }
 
 /// What makes the samples of `recipe`.
-fn maker<'a>(recipe: &'a Recipe, folder: &Path, pictures: &'a [PathBuf], memory: u64) -> Result<Maker<'a>> {
+fn maker<'a>(
+    recipe: &'a Recipe,
+    folder: &'a Path,
+    pictures: &'a [PathBuf],
+    memory: u64,
+) -> Result<Maker<'a>> {
     // The first picture that opens says whether they are cubes, and of which bands.
     let first = match pictures.iter().map(|path| Picture::open(path)).find(Result::is_ok) {
         Some(first) => first?,
@@ -111,7 +117,17 @@ fn maker<'a>(recipe: &'a Recipe, folder: &Path, pictures: &'a [PathBuf], memory:
     let camera = Camera::new(recipe, folder, &bands)?;
     let labels = Labels::open(&recipe.pictures, folder)?;
     let draws = Draws::new(recipe, pictures.len());
-    Ok(Maker { recipe, pictures, draws, bands, optics, camera, labels, quantizers: Maker::quantizers() })
+    Ok(Maker {
+        recipe,
+        folder,
+        pictures,
+        draws,
+        bands,
+        optics,
+        camera,
+        labels,
+        quantizers: Maker::quantizers(),
+    })
 }
 
 /// Fails if OUT is, lies in or contains an input.
@@ -119,8 +135,7 @@ fn check_apart(args: &DatasetArgs, recipe: &Recipe, folder: &Path, pictures: &[P
     let guard = Guard::default().writes("OUT", &args.out).reads_text("recipe", &args.recipe);
     let guard = recipe.pictures.labels.iter().fold(guard, |g, path| g.reads("labels", &folder.join(path)));
     let guard = recipe.pictures.masks.iter().fold(guard, |g, path| g.reads("masks", &folder.join(path)));
-    let lenses = recipe.lens.name.0.iter().filter(|name| folder.join(name).exists());
-    let guard = lenses.fold(guard, |g, name| g.reads("lens", &folder.join(name)));
+    let guard = optics::files(recipe, folder).iter().fold(guard, |g, path| g.reads("lens", path));
     let sensors = recipe.sensor.iter().flat_map(|s| &s.name.0).filter(|name| folder.join(name).exists());
     sensors.fold(guard, |g, name| g.reads("sensor description", &folder.join(name))).check()?;
     // Pictures may be many: their folders are resolved once.

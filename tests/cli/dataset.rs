@@ -3,8 +3,10 @@
 use crate::common::{
     CommandResult, Noise, Picture, assert_error_line, bits, files, lenscube, pixels, run, text,
 };
+use crate::common::{identity_band, lens, scattered, write_pack};
 use formats::dataset::encode::{Codes, png};
 use pipeline::geometry::Size;
+use pipeline::lens::LensBand;
 use serde_json::Value;
 use std::fs;
 use std::path::{Path, PathBuf};
@@ -313,6 +315,29 @@ fn what_cannot_be_is_refused_before_work() {
     fs::write(folder.at("mine/notes.txt"), "x").unwrap();
     assert_error_line(&folder.dataset("mine", &["--overwrite"]), 3, &["notes.txt"]);
     assert!(folder.at("mine/notes.txt").exists());
+}
+
+#[test]
+fn a_lens_file_that_changes_makes_another_data_set() {
+    let folder = Folder::new(1);
+    let bands: Vec<LensBand> = [450.0, 550.0, 650.0].map(|nm| identity_band(nm, 1.0, 21)).into();
+    let lens = lens(bands);
+    let write = |seed: u64| {
+        let stacks = lens.bands.iter().map(|band| scattered(seed, band)).collect();
+        write_pack(&folder.at("my.lens.zarr"), &lens, stacks);
+    };
+    write(1);
+    let recipe = folder.recipe("samples = 2", "film = \"png\"");
+    let text = fs::read_to_string(&recipe).unwrap();
+    let text = text.replace(LENS, "my.lens.zarr").replace("center_mm = [[0, 0], [3, -2], [0.5, 4]]\n", "");
+    fs::write(&recipe, text).unwrap();
+    folder.dataset("out", &[]).ok();
+    let line = &folder.lines("out")[0];
+    assert_eq!((&line["lens"], &line["picture"]), (&Value::from("my.lens.zarr"), &Value::from("in/p0.png")));
+    folder.dataset("out", &[]).ok();
+    fs::remove_dir_all(folder.at("my.lens.zarr")).unwrap();
+    write(2);
+    assert_error_line(&folder.dataset("out", &[]), 3, &["another recipe"]);
 }
 
 #[test]

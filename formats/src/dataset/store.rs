@@ -202,6 +202,8 @@ impl DatasetStore {
             records: Store::at(path)?,
             spec,
         };
+        // Of killed processes.
+        store.files.sweep()?;
         if old_samples < store.spec.samples {
             // The last unit had fewer samples than it has now.
             store.records.remove(ALL)?;
@@ -423,6 +425,9 @@ fn recorded(path: &Path) -> Result<Option<Value>, DatasetError> {
 fn is_own(key: &str) -> bool {
     let is_number =
         |text: &str, digits: usize| text.len() >= digits && text.bytes().all(|b| b.is_ascii_digit());
+    if key.rsplit('/').next().is_some_and(crate::durable::is_temp_name) {
+        return true;
+    }
     let (first, rest) = key.split_once('/').unwrap_or((key, ""));
     match first {
         RECORD | ALL => rest.is_empty(),
@@ -431,7 +436,7 @@ fn is_own(key: &str) -> bool {
         unit => {
             let number = unit.strip_suffix(".tar").unwrap_or(unit);
             let names = rest.is_empty() || is_number(rest.split('.').next().unwrap_or(""), KEY_DIGITS);
-            is_number(number, UNIT_DIGITS) && names || crate::durable::is_temp_name(first)
+            is_number(number, UNIT_DIGITS) && names
         }
     }
 }

@@ -46,7 +46,7 @@ def test_lines_films_and_shards_are_those_of_the_command(recipe, tmp_path):
         flags = dict(word.removeprefix("--").split("=", 1) for word in sample["run"] if "=" in word)
         lens = flags.pop("lens")
         words = {name.replace("-", "_"): value for name, value in flags.items()}
-        film = lenscube.run(sample["picture"], tmp_path / "film.zarr", lens=lens, interpolate_psf=True, overwrite=True, **words)
+        film = lenscube.run(tmp_path / sample["picture"], tmp_path / "film.zarr", lens=lens, interpolate_psf=True, overwrite=True, **words)
         numpy.testing.assert_array_equal(values, film.film.values)
 
 

@@ -312,6 +312,11 @@ impl<'a> Camera<'a> {
         Ok((gains, matrix))
     }
 
+    /// All that the sensors are, for the data set's digest.
+    pub fn identity(&self) -> String {
+        blake3::hash(format!("{:?}", self.sensors).as_bytes()).to_hex().to_string()
+    }
+
     /// Name of a sensor.
     pub fn name(&self, sensor: usize) -> &str {
         &self.sensors[sensor].name

@@ -1,7 +1,8 @@
 //! Digest, units and arrays of a data set.
 
-use super::refused;
+use super::camera::Camera;
 use super::sample::Maker;
+use super::{optics, refused};
 use crate::machine::MemoryLimit;
 use anyhow::{Context, Result};
 use formats::dataset::encode::Kind;
@@ -9,7 +10,9 @@ use formats::dataset::recipe::{Format, Layout};
 use formats::dataset::store::{ArraySpec, DatasetSpec};
 use pipeline::geometry::Size;
 use serde_json::{Map, Value, json};
+use std::fs::File;
 use std::os::unix::fs::MetadataExt;
+use std::path::{Path, PathBuf};
 
 /// Bytes of the items of a unit, and samples of it, at most.
 const UNIT_BYTES: usize = 32 << 20;
@@ -51,7 +54,8 @@ pub fn spec(maker: &Maker<'_>, limit: MemoryLimit) -> Result<DatasetSpec> {
         json!({"recipe": recipe, "pictures": identity(maker)?, "labels": maker.labels.digest()});
     determining["recipe"]["samples"] = json!(recipe.samples.is_some());
     determining["per_unit"] = json!(per_unit);
-    determining["lenses"] = json!([maker.optics.names(), maker.optics.flags()]);
+    determining["lenses"] = json!(files_identity(maker)?);
+    determining["sensors"] = json!(maker.camera.as_ref().map(Camera::identity));
     determining["program"] = json!(env!("CARGO_PKG_VERSION"));
     Ok(DatasetSpec {
         digest: blake3::hash(determining.to_string().as_bytes()).to_hex().to_string(),
@@ -130,14 +134,37 @@ fn record(maker: &Maker<'_>) -> Map<String, Value> {
     record
 }
 
-/// Names, lengths and times of the pictures.
+/// Names from the recipe's folder, lengths and times of the pictures.
 fn identity(maker: &Maker<'_>) -> Result<String> {
     let mut hasher = blake3::Hasher::new();
     for path in maker.pictures {
-        hasher.update(path.to_string_lossy().as_bytes());
-        // A picture that is missing is reported sample by sample.
-        let state = std::fs::metadata(path).map(|m| (m.len(), m.mtime(), m.mtime_nsec()));
-        hasher.update(format!(" {:?}\n", state.ok()).as_bytes());
+        add_state(maker, path, &mut hasher);
     }
     Ok(hasher.finalize().to_hex().to_string())
+}
+
+/// Content of the files of the lenses; of packs that are folders names, lengths and times of what is in them.
+fn files_identity(maker: &Maker<'_>) -> Result<String> {
+    let mut hasher = blake3::Hasher::new();
+    let mut all = optics::files(maker.recipe, maker.folder);
+    while let Some(path) = all.pop() {
+        let reading = || format!("reading {}", path.display());
+        if path.is_dir() {
+            let entries = std::fs::read_dir(&path).with_context(reading)?;
+            let mut inside: Vec<PathBuf> =
+                entries.map(|e| Ok(e?.path())).collect::<std::io::Result<_>>().with_context(reading)?;
+            inside.sort();
+            inside.iter().for_each(|path| add_state(maker, path, &mut hasher));
+            all.extend(inside.into_iter().filter(|path| path.is_dir()));
+        } else {
+            hasher.update_reader(File::open(&path).with_context(reading)?).with_context(reading)?;
+        }
+    }
+    Ok(hasher.finalize().to_hex().to_string())
+}
+
+fn add_state(maker: &Maker<'_>, path: &Path, hasher: &mut blake3::Hasher) {
+    // A picture that is missing is reported sample by sample.
+    let state = std::fs::metadata(path).ok().map(|m| (m.len(), m.mtime(), m.mtime_nsec()));
+    hasher.update(format!("{} {state:?}\n", maker.shown(path)).as_bytes());
 }

@@ -7,7 +7,7 @@ use formats::dataset::Numbers;
 use formats::dataset::draw::Draw;
 use formats::dataset::recipe::{Flag, Recipe};
 use pipeline::geometry::Size;
-use std::path::Path;
+use std::path::{Path, PathBuf};
 use std::sync::{Arc, Mutex};
 
 /// Lenses that are open at once.
@@ -34,6 +34,7 @@ type Known = ((usize, Option<u64>), Arc<ArrayLens>);
 /// The lenses.
 pub struct Optics<'a> {
     recipe: &'a Recipe,
+    folder: PathBuf,
     /// Names with their paths.
     names: Vec<String>,
     flags: Vec<String>,
@@ -66,12 +67,24 @@ impl<'a> Optics<'a> {
                 Flag::Switch(false) => {}
                 Flag::Whole(v) => flags.push(format!("--{flag}={v}")),
                 Flag::Number(v) => flags.push(format!("--{flag}={v}")),
-                Flag::Text(v) if is_path(&id) => flags.push(format!("--{flag}={}", folder.join(v).display())),
+                Flag::Text(v) if is_file(&id, v, folder) => {
+                    flags.push(format!("--{flag}={}", folder.join(v).display()));
+                }
                 Flag::Text(v) => flags.push(format!("--{flag}={v}")),
             }
         }
         let (reach_mm, open) = (reach_mm(recipe), Mutex::default());
-        Ok(Self { recipe, names, flags, wavelengths_nm: wavelengths_nm.to_vec(), reach_mm, memory, open })
+        let folder = folder.to_path_buf();
+        Ok(Self {
+            recipe,
+            folder,
+            names,
+            flags,
+            wavelengths_nm: wavelengths_nm.to_vec(),
+            reach_mm,
+            memory,
+            open,
+        })
     }
 
     /// Opens each lens once, without tracing it.
@@ -101,14 +114,9 @@ impl<'a> Optics<'a> {
             .with_context(|| format!("lens {}", self.names[lens]))
     }
 
-    /// Names of the lenses, with their paths.
-    pub fn names(&self) -> &[String] {
-        &self.names
-    }
-
-    /// What the lenses share beside their names, for the data set's digest.
-    pub fn flags(&self) -> &[String] {
-        &self.flags
+    /// Name of a lens, as in the recipe.
+    pub fn name(&self, lens: usize) -> &str {
+        &self.recipe.lens.name.0[lens]
     }
 
     /// The lens of a sample.
@@ -165,11 +173,12 @@ impl<'a> Optics<'a> {
         Ok(Placement { film, chart, pitch_um: self.recipe.film.pitch_um, center_mm, chart_center_mm })
     }
 
-    /// Flags of `lenscube run` for the film of a sample.
+    /// Flags of `lenscube run` for the film of a sample, in the recipe's folder.
     pub fn run_flags(&self, lens: &ArrayLens, draw: &Draw, place: &Placement) -> Vec<String> {
-        let mut flags = vec![format!("--lens={}", self.names[draw.lens])];
+        let mut flags = vec![format!("--lens={}", self.name(draw.lens))];
         flags.extend(draw.focus_m.map(|m| format!("--focus-m={m}")));
-        flags.extend(self.flags.iter().cloned());
+        let from_folder = |flag: &String| flag.replacen(&format!("={}/", self.folder.display()), "=", 1);
+        flags.extend(self.flags.iter().map(from_folder));
         let reach_mm = self.reach_mm.filter(|_| lens.is_symmetric_design());
         flags.extend(reach_mm.map(|mm| format!("--reach-mm={mm}")));
         flags.extend(place.flags());
@@ -211,7 +220,19 @@ fn located(name: &str, folder: &Path) -> String {
     }
 }
 
-/// Whether the value of a flag is a path.
-fn is_path(id: &str) -> bool {
+/// Whether the value of a flag names a file in `folder`.
+fn is_file(id: &str, value: &str, folder: &Path) -> bool {
     ["glass_catalog", "coatings", "tolerances", "sensor_reflectance"].contains(&id)
+        && folder.join(value).is_file()
+}
+
+/// Files of the lenses of `recipe` in `folder`.
+pub fn files(recipe: &Recipe, folder: &Path) -> Vec<PathBuf> {
+    let lenses =
+        recipe.lens.name.0.iter().filter(|name| !crate::open::is_builtin(name)).map(|name| folder.join(name));
+    let of_flag = |(name, value): (&String, &Flag)| match value {
+        Flag::Text(v) if is_file(&name.replace('-', "_"), v, folder) => Some(folder.join(v)),
+        _ => None,
+    };
+    lenses.filter(|path| path.exists()).chain(recipe.lens.flags.iter().filter_map(of_flag)).collect()
 }

@@ -14,13 +14,15 @@ use formats::dataset::store::{Item, Sample};
 use pipeline::develop::{Quantizer, Tone};
 use pipeline::geometry::{Rect, Size};
 use serde_json::{Map, Value, json};
-use std::path::PathBuf;
+use std::path::{Path, PathBuf};
 use std::sync::atomic::AtomicBool;
 
 /// All that samples are made of.
 pub struct Maker<'a> {
     /// The recipe.
     pub recipe: &'a Recipe,
+    /// The recipe's folder.
+    pub folder: &'a Path,
     /// Its pictures.
     pub pictures: &'a [PathBuf],
     /// What each sample is made of.
@@ -51,7 +53,7 @@ impl<'a> Maker<'a> {
         let draw = self.draws.of(number);
         let path = &self.pictures[draw.picture];
         let mut line = Map::new();
-        line.insert("picture".into(), json!(path.to_string_lossy()));
+        line.insert("picture".into(), json!(self.shown(path)));
         let chart = match self.chart(&draw) {
             Ok(chart) => chart,
             Err(error) => {
@@ -61,6 +63,11 @@ impl<'a> Maker<'a> {
         };
         let context = || format!("sample {number} ({}, at {:?} mm)", path.display(), draw.center_mm);
         self.of_chart(&draw, &chart, &mut line, cancel).with_context(context)
+    }
+
+    /// A path as lines have it: from the recipe's folder.
+    pub fn shown(&self, path: &Path) -> String {
+        path.strip_prefix(self.folder).unwrap_or(path).to_string_lossy().into_owned()
     }
 
     /// The part of the picture that is the chart of a sample.
@@ -163,7 +170,7 @@ impl<'a> Maker<'a> {
     ) {
         let Rect { x, y, width, height } = chart.part;
         line.insert("part".into(), json!([x, y, width, height]));
-        line.insert("lens".into(), json!(self.optics.names()[draw.lens]));
+        line.insert("lens".into(), json!(self.optics.name(draw.lens)));
         if let Some(m) = draw.focus_m {
             // JSON has no infinity.
             let focus = if m.is_finite() { json!(m) } else { json!("inf") };
