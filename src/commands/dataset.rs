@@ -73,11 +73,11 @@ pub fn command(args: &DatasetArgs) -> Result<u8> {
         return report::dry_run(args, &maker, &spec, cancel).map(|()| 0);
     }
     let create = || DatasetStore::create(&args.out, spec.clone()).map_err(coded);
-    // What a sample cannot be made of is known before anything is replaced.
-    if args.overwrite
-        && matches!(DatasetStore::check(&args.out, &spec.digest), Err(DatasetError::OtherRecipe { .. }))
-    {
-        maker.make(0, cancel)?;
+    match DatasetStore::check(&args.out, &spec.digest) {
+        Err(error @ DatasetError::Foreign { .. }) => return Err(coded(error)),
+        // What a sample cannot be made of is known before anything is replaced.
+        Err(DatasetError::OtherRecipe { .. }) if args.overwrite => drop(maker.make(0, cancel)?),
+        _ => {}
     }
     replacing_other_job(
         args.overwrite,

@@ -185,14 +185,7 @@ impl DatasetStore {
                 }
             }
             None => {
-                let names = Directory::new(path).all_entries().or_else(|e| match path.exists() {
-                    true => Err(e),
-                    false => Ok(Vec::new()),
-                })?;
-                if let Some(first) = names.first() {
-                    let problem = format!("expected a data set or an empty folder, found `{first}`");
-                    return Err(DatasetError::Foreign { path: path.into(), problem });
-                }
+                check_empty(path)?;
                 create_directories(path, true)?;
             }
         }
@@ -225,13 +218,7 @@ impl DatasetStore {
                 Err(DatasetError::OtherRecipe { path: path.into() })
             }
             Some(_) => Ok(()),
-            None if path.exists() && !Directory::new(path).all_entries()?.is_empty() => {
-                Err(DatasetError::Foreign {
-                    path: path.into(),
-                    problem: "expected a data set or an empty folder, found other files".into(),
-                })
-            }
-            None => Ok(()),
+            None => check_empty(path),
         }
     }
 
@@ -392,6 +379,18 @@ impl DatasetStore {
                 ),
             }),
             _ => Ok(()),
+        }
+    }
+}
+
+/// Fails if there are files of others in the folder at `path`. Those that a data set has are of a process that creates it at the same time.
+fn check_empty(path: &Path) -> Result<(), DatasetError> {
+    let names = if path.exists() { Directory::new(path).names("")? } else { Vec::new() };
+    match names.iter().find(|name| !is_own(name)) {
+        None => Ok(()),
+        Some(first) => {
+            let problem = format!("expected a data set or an empty folder, found `{first}`");
+            Err(DatasetError::Foreign { path: path.into(), problem })
         }
     }
 }

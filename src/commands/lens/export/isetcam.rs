@@ -221,7 +221,7 @@ mod tests {
         assert_eq!((at(1, 1), at(0, 2), at(2, 2)), (0.5, 0.25, 0.25));
         assert_eq!(out.iter().sum::<f32>(), 1.0);
         // Cut to the middle pixel and what is beside it.
-        assert_eq!(centred(&kernel, 3, 2), [1.0, 0.0, 0.0, 0.0]);
+        assert_eq!(centred(&kernel, 3, 2), [2.0 / 3.0, 0.0, 0.0, 1.0 / 3.0]);
         // In a larger window.
         assert_eq!(centred(&[1.0], 1, 6)[2 * 6 + 2], 1.0);
     }
