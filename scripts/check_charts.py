@@ -4,7 +4,6 @@ Also: CSV files of the program in pandas."""
 import json
 import re
 import subprocess
-import sys
 import tempfile
 import warnings
 from pathlib import Path
@@ -82,13 +81,8 @@ def matlab_and_hdf5(films, cube, scratch):
         f.create_dataset("cube", data=last, chunks=(16, 64, 8), compression="gzip", shuffle=True)
         f["wavelengths"] = NM
     films.same("h5py", films.of(scratch / "h5py.h5", "--var", "cube", "--axes", "y,x,wavelength"), expected)
-    # The conversion that the error proposes.
     scipy.io.savemat(scratch / "old.mat", {"rad": last})
-    failed = subprocess.run([LENSCUBE, "run", "old.mat", "no.zarr"], cwd=scratch, capture_output=True, text=True)
-    code = [c.replace("NAME", "rad") for c in re.findall(r"`([^`]*)`", failed.stderr) if "import" in c or "save" in c]
-    check(failed.returncode == 1 and len(code) == 2, f"a .mat file of version 5: {failed.stderr}")
-    subprocess.run([sys.executable, "-c", "\n".join(code)], cwd=scratch, check=True)
-    films.same(".mat of version 5, converted", films.of(scratch / "old.npy", "--axes", "y,x,wavelength", "--wavelengths", "400:700:10"), expected)
+    films.same(".mat of version 5", films.of(scratch / "old.mat", "--wavelengths", "400:700:10"), expected)
 
 
 def xarray_files(films, cube, scratch):

@@ -134,7 +134,7 @@ def inputs(place):
     run("npy with axes", "cube.npy", *axes, err=["chart of 64x64 px", "shards in"])
     run("npy without axes", "cube.npy", *GIVEN, code=1, err=["--axes y,x,wavelength"])
     run("mat of version 7.3", "icvl.mat//rad", err=["rad [64, 64, 5] as MATLAB shows it"])
-    run("mat of version 5", "old.mat", code=1, err=["scipy.io.loadmat", "numpy.save"])
+    run("mat of version 5 without wavelengths", "old.mat", code=2, err=["has no wavelengths", "--wavelengths 400:700:10"])
     run("several arrays", "two.h5", code=1, err=["several have three axes", "--var"])
     run("one of several arrays", "two.h5", "--var", "b", *axes)
     run("NetCDF 4", "cube.nc", err=["scale_factor"])
