@@ -1,6 +1,7 @@
 //! A directory with durable, atomic writes, addressed by keys.
 
 use std::fs::File;
+use std::io::ErrorKind;
 use std::os::fd::{AsFd, BorrowedFd, OwnedFd};
 use std::path::{Component, Path, PathBuf};
 use std::sync::Arc;
@@ -188,7 +189,7 @@ impl Directory {
     /// # Errors
     /// [`DurableError::Range`] if the file is too short; nothing is allocated then.
     pub fn read_range(&self, key: &str, offset: i64, length: u64) -> Result<Option<Vec<u8>>, DurableError> {
-        use std::io::{ErrorKind, Read, Seek, SeekFrom};
+        use std::io::{Read, Seek, SeekFrom};
         let path = self.path(key)?;
         let Some((mut file, start)) = self.open_range(&path, offset, length)? else { return Ok(None) };
         // Not zeroed first.
@@ -201,7 +202,8 @@ impl Directory {
                 false => Err(ErrorKind::UnexpectedEof.into()),
             }
         };
-        self.step(FileStep::Read, &path, read, length)?;
+        let done = self.step(FileStep::Read, &path, read, length);
+        done.map_err(|e| shortened(e, &file, offset, length))?;
         Ok(Some(bytes))
     }
 
@@ -219,7 +221,8 @@ impl Directory {
         let at = i64::try_from(offset).unwrap_or(i64::MAX);
         let Some((file, start)) = self.open_range(&path, at, length)? else { return Ok(None) };
         let read = |_: &Path| direct::read_exact(&file, start, length as usize);
-        Ok(Some(self.step(FileStep::Read, &path, read, length)?))
+        let read = self.step(FileStep::Read, &path, read, length);
+        read.map(Some).map_err(|e| shortened(e, &file, at, length))
     }
 
     /// Hint to the kernel (POSIX_FADV_WILLNEED) to read `length` bytes of `key` from `offset` (0: to the end) ahead. Errors are
@@ -281,6 +284,16 @@ impl Directory {
         // Faults of a write are injected by `fault::write`.
         let injected = if step == FileStep::Write { Ok(()) } else { fault::inject(step) };
         injected.and_then(|()| act(path)).map_err(failed)
+    }
+}
+
+/// `error` of reading a range of `file`; [`DurableError::Range`] if the file became shorter after its size was compared with the range.
+fn shortened(error: DurableError, file: &File, offset: i64, length: u64) -> DurableError {
+    match (error, file.metadata()) {
+        (DurableError::Io { path, source, .. }, Ok(m)) if source.kind() == ErrorKind::UnexpectedEof => {
+            DurableError::Range { path, offset, length, size: m.len() }
+        }
+        (error, _) => error,
     }
 }
 

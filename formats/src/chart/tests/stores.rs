@@ -95,7 +95,9 @@ fn damage_is_found_past_the_page_cache() {
     chart.prefetch(0, Rect::new(0, 0, 1, 1));
     std::fs::write(&shard, &bytes[..1]).unwrap();
     chart.cache = Cache::new(0);
-    assert!(matches!(all(&chart, 0), Err(ChartError::Corrupt { .. })));
+    // The first chunk may have been read ahead before that, in part or completely.
+    let read = all(&chart, 0);
+    assert!(matches!(read, Err(ChartError::Corrupt { .. })), "{read:?}");
 }
 
 #[test]

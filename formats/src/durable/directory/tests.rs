@@ -48,6 +48,27 @@ fn failed_step_leaves_the_old_file_and_no_temporary_file() {
 }
 
 #[test]
+fn a_file_that_becomes_shorter_while_it_is_read_is_truncated() {
+    let dir = tempfile::tempdir().unwrap();
+    let store = Directory::new(dir.path()).with_fault(|step, path| match step {
+        FileStep::Read => std::fs::write(path, b"short"),
+        _ => Ok(()),
+    });
+    let range = |read: Result<(), DurableError>| match read.unwrap_err() {
+        DurableError::Range { offset, length, size, .. } => (offset, length, size),
+        other => panic!("{other:?}"),
+    };
+    for direct in [false, true] {
+        std::fs::write(dir.path().join("a"), [7; 10_000]).unwrap();
+        let read = match direct {
+            true => store.read_direct("a", 100, 9000).map(drop),
+            false => store.read_range("a", 100, 9000).map(drop),
+        };
+        assert_eq!(range(read), (100, 9000, 5), "{direct}");
+    }
+}
+
+#[test]
 fn steps_of_a_write_are_in_durable_order() {
     let dir = tempfile::tempdir().unwrap();
     let seen = Arc::new(Mutex::new(Vec::new()));
