@@ -4,6 +4,7 @@
 //! Supported: f2, f4, f8, u1, u2, u4, i2 and i4 of either byte order, at most 5 axes; readers restrict this further.
 
 use crate::sample::{RasterSample, Sample};
+use crate::shard::SampleType;
 
 /// Bytes to read from the start of a file to parse its header.
 pub(crate) const MAX_HEADER_BYTES: u64 = (1 << 16) + 12;
@@ -71,10 +72,21 @@ pub(crate) fn header(head: &[u8]) -> Result<Header, HeaderError> {
     }
 }
 
-/// The header of an array of little-endian f32 samples in C order, padded to a multiple of 64 bytes as NumPy does.
+/// [`header_of`] of f32 samples.
 pub(crate) fn header_of_f32(shape: &[usize]) -> Vec<u8> {
+    header_of(SampleType::F32, shape)
+}
+
+/// The header of an array of little-endian samples in C order, padded to a multiple of 64 bytes as NumPy does.
+pub(crate) fn header_of(sample: SampleType, shape: &[usize]) -> Vec<u8> {
+    let descr = match sample {
+        SampleType::F16 => "<f2",
+        SampleType::F32 => "<f4",
+        SampleType::U16 => "<u2",
+    };
     let sides: String = shape.iter().map(|n| format!("{n}, ")).collect();
-    let mut text = format!("{{'descr': '<f4', 'fortran_order': False, 'shape': ({}), }}", sides.trim_end());
+    let mut text =
+        format!("{{'descr': '{descr}', 'fortran_order': False, 'shape': ({}), }}", sides.trim_end());
     text.push_str(&" ".repeat(63 - (10 + text.len()) % 64));
     text.push('\n');
     let mut bytes = b"\x93NUMPY\x01\x00".to_vec();

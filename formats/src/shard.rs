@@ -20,7 +20,7 @@ mod mantissa;
 
 pub(crate) use check::ShardDefect;
 pub use codec::{Codec, SampleType};
-pub(crate) use codec::{index_metadata, sharding_metadata, sharding_of};
+pub(crate) use codec::{sharding_metadata, sharding_of};
 pub(crate) use encode::{ShardEncoder, ShardError};
 
 use pipeline::geometry::{Rect, Size};

@@ -20,6 +20,7 @@ use std::fs::File;
 use std::path::Path;
 
 use pipeline::geometry::Size;
+use pipeline::sensor::HC_J_M;
 use serde_json::json;
 
 use super::decoded_chart::{Declared, DecodedChart};
@@ -40,7 +41,7 @@ const PREFERRED: [&str; 3] = ["photons", "data", "scene/data/photons"];
 /// Names of wavelengths.
 const WAVELENGTHS: [&str; 5] = ["wave", "wavelength", "wavelengths", "lambda", "wavelength_nm"];
 /// h·c, J nm.
-const HC_J_NM: f64 = 6.626_070_15e-34 * 299_792_458.0 * 1e9;
+const HC_J_NM: f64 = HC_J_M * 1e9;
 /// Maximum bytes of a band as it is stored, and of the coefficients of a linear model.
 const MAX_BYTES: usize = 1 << 30;
 /// Arrays listed in a message.

@@ -6,6 +6,8 @@ use pipeline::geometry::Size;
 use png::{BitDepth, ColorType, Compression, Encoder, SrgbRenderingIntent};
 use tiff::encoder::{TiffEncoder, colortype};
 
+use crate::shard::SampleType;
+
 /// A picture or an array that cannot be encoded.
 #[derive(Debug, thiserror::Error)]
 #[error("encoding {format}: {problem}")]
@@ -66,53 +68,9 @@ pub fn tiff(codes: Codes<'_>) -> Result<Vec<u8>, EncodeError> {
     Ok(out.into_inner())
 }
 
-/// The kind of the samples of an array.
-#[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub enum Kind {
-    /// 32-bit floats.
-    F32,
-    /// 16-bit unsigned integers.
-    U16,
-}
-
-impl Kind {
-    /// Bytes of a sample.
-    pub fn bytes(self) -> usize {
-        match self {
-            Self::F32 => 4,
-            Self::U16 => 2,
-        }
-    }
-
-    pub(super) fn zarr(self) -> &'static str {
-        match self {
-            Self::F32 => "float32",
-            Self::U16 => "uint16",
-        }
-    }
-
-    fn numpy(self) -> &'static str {
-        match self {
-            Self::F32 => "<f4",
-            Self::U16 => "<u2",
-        }
-    }
-}
-
-/// Alignment of the samples of an NPY file.
-const NPY_ALIGN: usize = 64;
-
 /// An NPY file of `samples`, little-endian, in C order.
-pub fn npy(kind: Kind, shape: &[usize], samples: &[u8]) -> Vec<u8> {
-    let sides: String = shape.iter().map(|n| format!("{n}, ")).collect();
-    let mut text = format!("{{'descr': '{}', 'fortran_order': False, 'shape': ({sides}), }}", kind.numpy());
-    // Magic, version and length take 10 bytes; the text ends with a line feed.
-    let padding = (10 + text.len() + 1).next_multiple_of(NPY_ALIGN) - (10 + text.len() + 1);
-    text.extend(std::iter::repeat_n(' ', padding));
-    text.push('\n');
-    let mut out = b"\x93NUMPY\x01\x00".to_vec();
-    out.extend((text.len() as u16).to_le_bytes());
-    out.extend(text.as_bytes());
+pub fn npy(sample: SampleType, shape: &[usize], samples: &[u8]) -> Vec<u8> {
+    let mut out = crate::npy::header_of(sample, shape);
     out.extend(samples);
     out
 }
@@ -147,7 +105,7 @@ mod tests {
     #[test]
     fn arrays_are_read_back_as_npy() {
         let samples: Vec<u8> = (0..24u16).flat_map(u16::to_le_bytes).collect();
-        let bytes = npy(Kind::U16, &[2, 3, 4], &samples);
+        let bytes = npy(SampleType::U16, &[2, 3, 4], &samples);
         let header = crate::npy::header(&bytes).unwrap();
         assert_eq!((header.shape, header.fortran, header.offset % 64), (vec![2, 3, 4], false, 0));
         assert_eq!(bytes[header.offset..], samples);

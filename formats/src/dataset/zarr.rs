@@ -2,8 +2,8 @@
 
 use serde_json::{Map, Value, json};
 
-use super::encode::Kind;
-use crate::shard::index_metadata;
+use crate::hierarchy::{array, bytes_and_crc, with_crc};
+use crate::shard::SampleType;
 
 /// Level of zstd.
 const LEVEL: i32 = 3;
@@ -19,44 +19,34 @@ pub struct ArraySpec {
     pub axes: Vec<&'static str>,
     /// Sides of a sample.
     pub shape: Vec<usize>,
-    /// Kind of its values.
-    pub kind: Kind,
+    /// Its values.
+    pub sample: SampleType,
 }
 
 impl ArraySpec {
     /// Bytes of a sample.
     pub fn bytes(&self) -> usize {
-        self.shape.iter().product::<usize>() * self.kind.bytes()
+        self.shape.iter().product::<usize>() * self.sample.bytes()
     }
 
     /// Metadata of the array of `samples` samples, `per_unit` in a shard.
     pub(super) fn metadata(&self, samples: u64, per_unit: u64) -> Value {
-        let with = |first: u64| {
-            let sides = self.shape.iter().map(|n| *n as u64);
-            std::iter::once(first).chain(sides).collect::<Vec<u64>>()
-        };
-        let names: Vec<&str> = std::iter::once("sample").chain(self.axes.iter().copied()).collect();
-        json!({
-            "zarr_format": 3,
-            "node_type": "array",
-            "shape": with(samples),
-            "data_type": self.kind.zarr(),
-            "chunk_grid": {"name": "regular", "configuration": {"chunk_shape": with(per_unit)}},
-            "chunk_key_encoding": {"name": "default", "configuration": {"separator": "/"}},
-            "fill_value": 0,
-            "codecs": [{"name": "sharding_indexed", "configuration": {
-                "chunk_shape": with(1),
-                "codecs": [
-                    {"name": "bytes", "configuration": {"endian": "little"}},
-                    {"name": "zstd", "configuration": {"level": LEVEL, "checksum": false}},
-                    {"name": "crc32c"},
-                ],
-                "index_codecs": index_metadata(),
-                "index_location": "end",
-            }}],
-            "dimension_names": names,
-            "attributes": {},
-        })
+        let with = |first: u64| [&[first as usize], &self.shape[..]].concat();
+        let codecs = json!([{"name": "sharding_indexed", "configuration": {
+            "chunk_shape": with(1),
+            "codecs": [
+                {"name": "bytes", "configuration": {"endian": "little"}},
+                {"name": "zstd", "configuration": {"level": LEVEL, "checksum": false}},
+                {"name": "crc32c"},
+            ],
+            "index_codecs": bytes_and_crc(),
+            "index_location": "end",
+        }}]);
+        let axes = [&["sample"], &self.axes[..]].concat();
+        let mut metadata =
+            array(&with(samples), &with(per_unit), self.sample.name(), codecs, &axes, json!({}));
+        metadata["fill_value"] = 0.into();
+        metadata
     }
 
     /// Key of the shard of `unit`.
@@ -79,14 +69,10 @@ pub(super) fn shard(samples: &[&[u8]], per_unit: u64) -> std::io::Result<Vec<u8>
             continue;
         }
         let offset = out.len();
-        let packed = zstd::bulk::compress(sample, LEVEL)?;
-        out.extend(&packed);
-        out.extend(crc32c::crc32c(&packed).to_le_bytes());
+        out.extend(with_crc(zstd::bulk::compress(sample, LEVEL)?));
         *entry = [offset as u64, (out.len() - offset) as u64];
     }
-    let index: Vec<u8> = index.iter().flatten().flat_map(|v| v.to_le_bytes()).collect();
-    out.extend(&index);
-    out.extend(crc32c::crc32c(&index).to_le_bytes());
+    out.extend(with_crc(index.iter().flatten().flat_map(|v| v.to_le_bytes()).collect()));
     Ok(out)
 }
 

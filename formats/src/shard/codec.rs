@@ -81,7 +81,7 @@ impl Codec {
 }
 
 /// Zarr v3 metadata of the codecs of a shard's index.
-pub(crate) fn index_metadata() -> Value {
+pub(super) fn index_metadata() -> Value {
     json!([{"name": "bytes", "configuration": {"endian": "little"}}, {"name": "crc32c"}])
 }
 

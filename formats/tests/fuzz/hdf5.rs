@@ -1,13 +1,12 @@
 //! Damaged HDF5, NetCDF-4 and MATLAB 7.3 files.
 
-use crate::directory;
-use crate::fuzz_support::{Random, damage, fuzz};
+use crate::fuzz_support::{Random, fuzz};
+use crate::{ArrayFiles, directory};
 use lenscube_formats::chart::NanPolicy;
 use lenscube_formats::chart::hdf5::{Hdf5Chart, open};
 use pipeline::flow::ChartSource;
 use pipeline::geometry::Rect;
 use std::fs;
-use std::path::Path;
 
 /// Pixels of all bands beyond which a chart is not decoded: it would take long, and only the disk limits it.
 const MAX_PIXELS: usize = 1 << 20;
@@ -16,25 +15,22 @@ const MAX_PIXELS: usize = 1 << 20;
 fn damaged_hdf5_charts_do_not_panic() {
     let dir = directory();
     let at = dir.path().join("c.h5");
-    let data = Path::new(env!("CARGO_MANIFEST_DIR")).join("tests/data/hdf5");
-    let seeds = [
-        ("matlab.mat", ""),
-        ("matlab-contiguous.mat", "rad"),
-        ("netcdf4.nc", "radiance"),
-        ("packed.nc", ""),
-        ("latest.h5", "fixed"),
-        ("latest.h5", "extensible"),
-        ("latest.h5", "single"),
-        ("filters.h5", "scene/deflate"),
-        ("filters.h5", "scene/lzf"),
-    ]
-    .map(|(name, array)| (fs::read(data.join(name)).unwrap(), array));
-    let array = std::cell::Cell::new("");
+    let files = ArrayFiles::new(
+        "hdf5",
+        [
+            ("matlab.mat", ""),
+            ("matlab-contiguous.mat", "rad"),
+            ("netcdf4.nc", "radiance"),
+            ("packed.nc", ""),
+            ("latest.h5", "fixed"),
+            ("latest.h5", "extensible"),
+            ("latest.h5", "single"),
+            ("filters.h5", "scene/deflate"),
+            ("filters.h5", "scene/lzf"),
+        ],
+    );
     let damaged = |r: &mut Random| {
-        let (seed, name) = &seeds[r.below(seeds.len())];
-        array.set(if r.below(4) == 0 { "" } else { name });
-        let mut bytes = seed.clone();
-        damage(&mut bytes, r);
+        let mut bytes = files.damaged(r);
         // Addresses, sizes and counts are everywhere.
         for _ in 0..r.below(3) {
             let (first, width) = (r.below(bytes.len().max(9) - 8), [2, 4, 8][r.below(3)]);
@@ -47,7 +43,7 @@ fn damaged_hdf5_charts_do_not_panic() {
         bytes
     };
     fuzz("HDF5 chart", 600, damaged, |_| {
-        let Ok(chart) = open(&at, array.get(), None, NanPolicy::Zero, None) else { return false };
+        let Ok(chart) = open(&at, files.array.get(), None, NanPolicy::Zero, None) else { return false };
         let (bands, size) = match &chart {
             Hdf5Chart::Raster(raster) => (raster.bands(), raster.size()),
             Hdf5Chart::Decoded(decoded) => (decoded.bands(), decoded.size()),

@@ -19,6 +19,8 @@ mod raster;
 mod scenes;
 mod tolerances;
 
+use fuzz_support::{Random, damage};
+use std::cell::Cell;
 use std::path::{Path, PathBuf};
 
 fn data(name: &str) -> PathBuf {
@@ -28,4 +30,28 @@ fn data(name: &str) -> PathBuf {
 /// A temporary directory, in memory if possible.
 fn directory() -> tempfile::TempDir {
     tempfile::tempdir_in(fuzz_support::memory_directory()).unwrap()
+}
+
+/// Files with arrays that are damaged: their bytes, and the name of an array of each (empty: the only one).
+struct ArrayFiles<const N: usize> {
+    seeds: [(Vec<u8>, &'static str); N],
+    /// The array to open of the last damaged file.
+    array: Cell<&'static str>,
+}
+
+impl<const N: usize> ArrayFiles<N> {
+    /// Those of `tests/data/FOLDER`.
+    fn new(folder: &str, names: [(&'static str, &'static str); N]) -> Self {
+        let seeds = names.map(|(name, array)| (std::fs::read(data(folder).join(name)).unwrap(), array));
+        Self { seeds, array: Cell::new("") }
+    }
+
+    /// One of them, damaged.
+    fn damaged(&self, r: &mut Random) -> Vec<u8> {
+        let (seed, name) = &self.seeds[r.below(self.seeds.len())];
+        self.array.set(if r.below(4) == 0 { "" } else { name });
+        let mut bytes = seed.clone();
+        damage(&mut bytes, r);
+        bytes
+    }
 }

@@ -1,13 +1,12 @@
 //! Damaged MAT-files of level 5.
 
-use crate::directory;
-use crate::fuzz_support::{Random, damage, fuzz};
+use crate::fuzz_support::{Random, fuzz};
+use crate::{ArrayFiles, directory};
 use lenscube_formats::chart::NanPolicy;
 use lenscube_formats::chart::matlab::open;
 use pipeline::flow::ChartSource;
 use pipeline::geometry::Rect;
 use std::fs;
-use std::path::Path;
 
 /// Pixels of all bands beyond which a chart is not decoded: it would take long, and only the disk limits it.
 const MAX_PIXELS: usize = 1 << 20;
@@ -16,21 +15,18 @@ const MAX_PIXELS: usize = 1 << 20;
 fn damaged_matlab_charts_do_not_panic() {
     let dir = directory();
     let at = dir.path().join("c.mat");
-    let data = Path::new(env!("CARGO_MANIFEST_DIR")).join("tests/data/matlab");
-    let seeds = [
-        ("photons.mat", ""),
-        ("model.mat", ""),
-        ("model.mat", "mcCOEF"),
-        ("scene.mat", ""),
-        ("other.mat", "plane"),
-    ]
-    .map(|(name, array)| (fs::read(data.join(name)).unwrap(), array));
-    let array = std::cell::Cell::new("");
+    let files = ArrayFiles::new(
+        "matlab",
+        [
+            ("photons.mat", ""),
+            ("model.mat", ""),
+            ("model.mat", "mcCOEF"),
+            ("scene.mat", ""),
+            ("other.mat", "plane"),
+        ],
+    );
     let damaged = |r: &mut Random| {
-        let (seed, name) = &seeds[r.below(seeds.len())];
-        array.set(if r.below(4) == 0 { "" } else { name });
-        let mut bytes = seed.clone();
-        damage(&mut bytes, r);
+        let mut bytes = files.damaged(r);
         // Types, sizes and dimensions are words.
         for _ in 0..r.below(3) {
             let first = 4 * r.below(bytes.len().max(9) / 4);
@@ -43,7 +39,7 @@ fn damaged_matlab_charts_do_not_panic() {
         bytes
     };
     fuzz("MATLAB chart", 600, damaged, |_| {
-        let Ok(chart) = open(&at, array.get(), NanPolicy::Zero) else { return false };
+        let Ok(chart) = open(&at, files.array.get(), NanPolicy::Zero) else { return false };
         let (bands, size) = (chart.bands(), chart.size());
         if bands.saturating_mul(size.pixels()) > MAX_PIXELS {
             return true;

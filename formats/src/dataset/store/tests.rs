@@ -1,5 +1,5 @@
 use super::*;
-use crate::dataset::encode::Kind;
+use crate::shard::SampleType;
 
 fn spec(layout: Layout, samples: u64) -> DatasetSpec {
     DatasetSpec {
@@ -7,7 +7,12 @@ fn spec(layout: Layout, samples: u64) -> DatasetSpec {
         samples,
         per_unit: 4,
         layout,
-        arrays: vec![ArraySpec { name: "film", axes: vec!["y", "x"], shape: vec![2, 3], kind: Kind::U16 }],
+        arrays: vec![ArraySpec {
+            name: "film",
+            axes: vec!["y", "x"],
+            shape: vec![2, 3],
+            sample: SampleType::U16,
+        }],
         attributes: Map::new(),
         record: Map::new(),
     }
