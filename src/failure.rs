@@ -61,11 +61,11 @@ pub fn other_job(message: impl Into<String>) -> anyhow::Error {
 
 /// Runs `step`, a part of a command with `--overwrite` or without: with it, an output of another job is removed by `remove` and made again, and one
 /// of the same job is resumed.
-pub fn replacing_other_job(
+pub fn replacing_other_job<T>(
     overwrite: bool,
-    step: impl Fn() -> anyhow::Result<u8>,
+    step: impl Fn() -> anyhow::Result<T>,
     remove: impl Fn() -> anyhow::Result<()>,
-) -> anyhow::Result<u8> {
+) -> anyhow::Result<T> {
     match step() {
         Err(e) if overwrite && exit_code(&e) == code::OTHER_JOB => {
             remove()?;

@@ -96,6 +96,12 @@ fn given_gains(text: &str, sensor: &Sensor) -> Result<Vec<f64>> {
     })
 }
 
+/// `gains` over the least of them.
+pub fn least_one(gains: Vec<f64>) -> Vec<f64> {
+    let least = gains.iter().copied().fold(f64::INFINITY, f64::min);
+    gains.into_iter().map(|g| g / least).collect()
+}
+
 /// White gains of the filters, the least 1, and their name.
 fn gains(
     frame: &Frame,
@@ -104,10 +110,6 @@ fn gains(
     plane_of: &[usize],
     threads: usize,
 ) -> Result<(Vec<f64>, String)> {
-    let least_one = |gains: Vec<f64>| {
-        let least = gains.iter().copied().fold(f64::INFINITY, f64::min);
-        gains.into_iter().map(|g| g / least).collect::<Vec<f64>>()
-    };
     match style.white.as_deref() {
         Some("auto") => Ok((least_one(grey_world(frame, threads)?), "auto".into())),
         Some(text) if text.contains(',') => {

@@ -72,19 +72,17 @@ pub fn command(args: &DatasetArgs) -> Result<u8> {
     if args.dry_run {
         return report::dry_run(args, &maker, &spec, cancel).map(|()| 0);
     }
-    let create = || DatasetStore::create(&args.out, spec.clone()).map_err(coded);
     match DatasetStore::check(&args.out, &spec.digest) {
         Err(error @ DatasetError::Foreign { .. }) => return Err(coded(error)),
         // What a sample cannot be made of is known before anything is replaced.
         Err(DatasetError::OtherRecipe { .. }) if args.overwrite => drop(maker.make(0, cancel)?),
         _ => {}
     }
-    replacing_other_job(
+    let store = replacing_other_job(
         args.overwrite,
-        || create().map(|_| 0),
+        || DatasetStore::create(&args.out, spec.clone()).map_err(coded),
         || DatasetStore::remove(&args.out).map_err(coded),
     )?;
-    let store = create()?;
     let missing = units::missing(&store, args.part)?;
     let made =
         units::make(&maker, &store, &missing, threads(args.threads).min(layout::max_threads(&spec, limit)))?;

@@ -8,15 +8,16 @@
 
 use super::bands::Bands;
 use crate::args::ExposeArgs;
+use crate::camera::recipe::least_one;
 use crate::commands::sensor::{FilmPlane, Geometry, Times, of_spectrum, open_sensor, time};
 use crate::failure::usage;
 use anyhow::{Context, Result, anyhow};
+use formats::chart::{ArrayChart, NanPolicy};
 use formats::dataset::draw::Draw;
 use formats::dataset::recipe::{Matrix, Recipe, SensorTable};
 use pipeline::colour::{Illuminant, inverse};
 use pipeline::develop::{ColourMatrix, Demosaic, Development, PlanePattern, Recipe as Develop, Shading};
-use pipeline::flow::{ChartSource, SourceSinkError};
-use pipeline::geometry::{Rect, Size};
+use pipeline::geometry::Size;
 use pipeline::sensor::noise::Exposer;
 use pipeline::sensor::stream::{BandWeights, Pass};
 use pipeline::sensor::{Exposure, NoiseSet, Sensor, SignalHistogram};
@@ -53,26 +54,6 @@ pub struct Raw {
     pub numbers: Vec<u16>,
     /// What it was taken with.
     pub exposure: Exposure,
-}
-
-/// A film in memory.
-struct FilmBands<'a> {
-    size: Size,
-    pixels: &'a [f32],
-}
-
-impl ChartSource for FilmBands<'_> {
-    fn size(&self) -> Size {
-        self.size
-    }
-
-    fn read(&self, band: usize, rect: Rect, out: &mut [f32]) -> Result<(), SourceSinkError> {
-        let of_band = &self.pixels[band * self.size.pixels()..][..self.size.pixels()];
-        for (y, line) in (rect.y as usize..).zip(out.chunks_exact_mut(rect.width.max(1))) {
-            line.copy_from_slice(&of_band[y * self.size.width + rect.x as usize..][..rect.width]);
-        }
-        Ok(())
-    }
 }
 
 impl<'a> Camera<'a> {
@@ -155,9 +136,10 @@ impl<'a> Camera<'a> {
         let raw_size = geometry.size();
         let (rows, columns) = geometry.taps(raw_size.rect())?;
         let planes = [BandWeights::electrons(sensor, &self.nm, &vec![1.0; self.nm.len()])];
+        let bands = ArrayChart::new(size, self.nm.clone(), NanPolicy::Keep);
         let mut signal = Vec::with_capacity(raw_size.pixels());
         let pass = Pass {
-            film: &FilmBands { size, pixels: film },
+            film: &bands.with_pixels(film),
             bands: self.nm.len(),
             sensor,
             rows: &rows,
@@ -259,10 +241,6 @@ impl<'a> Camera<'a> {
     /// White gains of the filters, and the colour matrix.
     fn colours(&self, sensor: usize, bands: &Bands) -> Result<(Vec<f64>, Vec<Vec<f64>>)> {
         let (of, weights) = (&self.sensors[sensor], &self.weights[sensor]);
-        let least_one = |gains: Vec<f64>| {
-            let least = gains.iter().copied().fold(f64::INFINITY, f64::min);
-            gains.into_iter().map(|g| g / least).collect::<Vec<f64>>()
-        };
         let planes = of.planes().len();
         let asked = self.recipe.develop.matrix;
         let is_bands = asked == Matrix::Bands && bands.are_colours();

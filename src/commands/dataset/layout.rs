@@ -5,9 +5,9 @@ use super::sample::Maker;
 use super::{optics, refused};
 use crate::machine::MemoryLimit;
 use anyhow::{Context, Result};
-use formats::dataset::encode::Kind;
 use formats::dataset::recipe::{Format, Layout};
 use formats::dataset::store::{ArraySpec, DatasetSpec};
+use formats::film::SampleType;
 use pipeline::geometry::Size;
 use serde_json::{Map, Value, json};
 use std::fs::File;
@@ -86,12 +86,12 @@ fn arrays(maker: &Maker<'_>, size: Size) -> Result<Vec<ArraySpec>> {
             name,
             axes: vec![axis, "y", "x"],
             shape: vec![channels, size.height, size.width],
-            kind: Kind::F32,
+            sample: SampleType::F32,
         };
         arrays.push(match name {
             "raw" => {
                 let Size { height, width } = raw()?;
-                ArraySpec { name, axes: vec!["y", "x"], shape: vec![height, width], kind: Kind::U16 }
+                ArraySpec { name, axes: vec!["y", "x"], shape: vec![height, width], sample: SampleType::U16 }
             }
             "picture" => image(3, "channel", raw()?),
             _ if format == Format::Npy => image(bands, "wavelength", size),
@@ -103,7 +103,7 @@ fn arrays(maker: &Maker<'_>, size: Size) -> Result<Vec<ArraySpec>> {
             name: "mask",
             axes: vec!["y", "x"],
             shape: vec![height, width],
-            kind: Kind::U16,
+            sample: SampleType::U16,
         });
     }
     let sensors = maker.recipe.sensor.as_ref().map_or(0, |s| s.name.0.len());

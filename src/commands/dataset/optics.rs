@@ -137,8 +137,6 @@ impl<'a> Optics<'a> {
         if let (true, Some(reach_mm)) = (lens.is_symmetric_design(), self.reach_mm) {
             flags.push(format!("--reach-mm={reach_mm}"));
             lens = self.opened(&flags, draw.lens)?;
-            // One map of points for all places, made by one thread.
-            lens.chart_of_film(&[[reach_mm, 0.0]], self.wavelengths_nm[0])?;
         }
         let lens = Arc::new(lens);
         if open.len() == MAX_OPEN {

@@ -8,9 +8,10 @@ use super::pictures::{Picture, mask};
 use crate::job::arrays::{ArrayLens, Placement};
 use anyhow::{Context, Result, anyhow};
 use formats::dataset::draw::{Draw, Draws};
-use formats::dataset::encode::{Codes, Kind, npy, png, tiff};
+use formats::dataset::encode::{Codes, npy, png, tiff};
 use formats::dataset::recipe::{Format, Layout, Recipe};
 use formats::dataset::store::{Item, Sample};
+use formats::film::SampleType;
 use pipeline::develop::{Quantizer, Tone};
 use pipeline::geometry::{Rect, Size};
 use serde_json::{Map, Value, json};
@@ -187,7 +188,7 @@ impl<'a> Maker<'a> {
             Format::Npy => {
                 let bytes: Vec<u8> = bands.iter().flat_map(|v| v.to_le_bytes()).collect();
                 let shape = [bands.len() / size.pixels(), size.height, size.width];
-                Ok(self.array_item(name, Kind::F32, &shape, bytes))
+                Ok(self.array_item(name, SampleType::F32, &shape, bytes))
             }
             _ => {
                 let rgb = self.bands.rgb(bands, size.pixels(), self.recipe.output.white);
@@ -213,7 +214,12 @@ impl<'a> Maker<'a> {
             Format::Npy => {
                 let channel = |c: usize| values.iter().skip(c).step_by(channels);
                 let bytes = (0..channels).flat_map(|c| channel(c).flat_map(|v| v.to_le_bytes())).collect();
-                return Ok(self.array_item(name, Kind::F32, &[channels, size.height, size.width], bytes));
+                return Ok(self.array_item(
+                    name,
+                    SampleType::F32,
+                    &[channels, size.height, size.width],
+                    bytes,
+                ));
             }
         };
         Ok(Item { name: name.into(), ending: format.ending(), bytes })
@@ -227,17 +233,17 @@ impl<'a> Maker<'a> {
             Format::Tif => tiff(codes)?,
             Format::Npy => {
                 let bytes = values.iter().flat_map(|v| v.to_le_bytes()).collect();
-                return Ok(self.array_item(name, Kind::U16, &[size.height, size.width], bytes));
+                return Ok(self.array_item(name, SampleType::U16, &[size.height, size.width], bytes));
             }
         };
         Ok(Item { name: name.into(), ending: format.ending(), bytes })
     }
 
     /// An array: a NumPy file, or the samples of a Zarr array.
-    fn array_item(&self, name: &str, kind: Kind, shape: &[usize], samples: Vec<u8>) -> Item {
+    fn array_item(&self, name: &str, sample: SampleType, shape: &[usize], samples: Vec<u8>) -> Item {
         match self.recipe.output.layout {
             Layout::Zarr => Item { name: name.into(), ending: "array", bytes: samples },
-            _ => Item { name: name.into(), ending: "npy", bytes: npy(kind, shape, &samples) },
+            _ => Item { name: name.into(), ending: "npy", bytes: npy(sample, shape, &samples) },
         }
     }
 }

@@ -6,9 +6,10 @@ use crate::progress::{counting, interrupt};
 use anyhow::Result;
 use formats::dataset::draw::Draw;
 use formats::dataset::store::{DatasetStore, Sample};
+use formats::parallel;
 use std::collections::HashMap;
 use std::sync::Mutex;
-use std::sync::atomic::{AtomicUsize, Ordering::Relaxed};
+use std::sync::atomic::Ordering::Relaxed;
 
 /// What was made.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
@@ -21,10 +22,12 @@ pub struct Made {
     pub bytes: u64,
 }
 
-/// A unit whose samples are being made.
-struct Open {
-    left: usize,
-    samples: Vec<Option<Sample>>,
+impl Made {
+    fn add(&mut self, other: Self) {
+        self.samples += other.samples;
+        self.failed += other.failed;
+        self.bytes += other.bytes;
+    }
 }
 
 /// The missing units of `part`.
@@ -46,48 +49,38 @@ pub fn make(maker: &Maker<'_>, store: &DatasetStore, units: &[u64], threads: usi
     let order = in_order(maker, store, units);
     let (bar, progress) = counting("making samples");
     let cancel = interrupt::cancel_flag();
-    let next = AtomicUsize::new(0);
-    let (open, done, failed) = (Mutex::new(HashMap::new()), Mutex::new(Made::default()), Mutex::new(None));
-    let work = || -> Result<()> {
-        while let Some(&(unit, number)) = order.get(next.fetch_add(1, Relaxed)) {
-            if cancel.load(Relaxed) || failed.lock().expect("no panic while held").is_some() {
-                return Ok(());
-            }
-            let sample = maker.make(number, cancel)?;
-            let range = store.spec().of_unit(unit);
-            let mut units = open.lock().expect("no panic while held");
-            let length = (range.end - range.start) as usize;
-            let own: &mut Open =
-                units.entry(unit).or_insert_with(|| Open { left: length, samples: vec![None; length] });
-            own.samples[(number - range.start) as usize] = Some(sample);
-            own.left -= 1;
-            let is_complete = own.left == 0;
-            let complete = if is_complete { units.remove(&unit) } else { None };
-            drop(units);
-            if let Some(Open { samples, .. }) = complete {
-                let samples: Vec<Sample> = samples.into_iter().flatten().collect();
-                let bytes: usize = samples.iter().flat_map(|s| &s.items).map(|item| item.bytes.len()).sum();
-                let without = samples.iter().filter(|s| s.items.is_empty()).count();
-                store.write_unit(unit, samples)?;
-                let mut done = done.lock().expect("no panic while held");
-                done.samples += length as u64;
-                done.failed += without as u64;
-                done.bytes += bytes as u64;
-                progress(done.samples, order.len() as u64);
-            }
+    // Units whose samples are being made, and what was made.
+    let open = Mutex::new(HashMap::<u64, Vec<Option<Sample>>>::new());
+    let done = Mutex::new(Made::default());
+    let work = |k: usize| -> Result<()> {
+        if cancel.load(Relaxed) {
+            return Ok(());
         }
+        let (unit, number) = order[k];
+        let sample = maker.make(number, cancel)?;
+        let range = store.spec().of_unit(unit);
+        let mut units = open.lock().expect("no panic while held");
+        let own = units.entry(unit).or_insert_with(|| vec![None; (range.end - range.start) as usize]);
+        own[(number - range.start) as usize] = Some(sample);
+        if own.iter().any(Option::is_none) {
+            return Ok(());
+        }
+        let samples: Vec<Sample> = units.remove(&unit).into_iter().flatten().flatten().collect();
+        drop(units);
+        let made = Made {
+            samples: samples.len() as u64,
+            failed: samples.iter().filter(|s| s.items.is_empty()).count() as u64,
+            bytes: samples.iter().flat_map(|s| &s.items).map(|item| item.bytes.len() as u64).sum(),
+        };
+        store.write_unit(unit, samples)?;
+        done.lock().expect("no panic while held").add(made);
         Ok(())
     };
-    let guarded = || {
-        if let Err(error) = work() {
-            failed.lock().expect("no panic while held").get_or_insert(error);
-        }
-    };
-    std::thread::scope(|scope| (0..threads.min(order.len())).for_each(|_| drop(scope.spawn(guarded))));
+    let worked = parallel::for_each(threads.min(order.len()), order.len(), &progress, work);
     bar.finish_and_clear();
-    match failed.into_inner().expect("no panic while held") {
+    match worked {
         // An interrupted film is no failure.
-        Some(error) if !cancel.load(Relaxed) => Err(error),
+        Err(error) if !cancel.load(Relaxed) => Err(error),
         _ => Ok(done.into_inner().expect("no panic while held")),
     }
 }
