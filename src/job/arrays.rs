@@ -41,6 +41,8 @@ const MAX_FILMS: usize = 32;
 pub struct ArrayLens {
     flags: Vec<String>,
     is_symmetric_design: bool,
+    /// How far the map of points reaches that all points have within `--reach-mm`, mm; 0 without that flag.
+    map_reach_mm: f64,
     wavelengths_nm: Vec<f64>,
     films: Mutex<Vec<KnownFilm>>,
     shared: Mutex<SharedSets>,
@@ -82,6 +84,7 @@ impl ArrayLens {
         Ok(Self {
             flags: flags.to_vec(),
             is_symmetric_design,
+            map_reach_mm: args.job.tracing.reach_mm.map_or(Ok(0.0), |mm| reach_of(&[[mm, 0.0]]))?,
             wavelengths_nm,
             films: Mutex::default(),
             shared: Mutex::default(),
@@ -151,18 +154,23 @@ impl ArrayLens {
         Ok(film_mm.iter().map(|point| map.relative_illumination(*point)).collect())
     }
 
-    /// The map at `nm` up to `reach_mm`: one that is known and reaches as far, or a new one.
+    /// The map at `nm` up to `reach_mm`: one that is known and reaches as far, or a new one. A lens with `--reach-mm` has one map for all points up to there, in any order.
     fn map(&self, nm: f64, reach_mm: f64) -> Result<Arc<PointMap>> {
-        let known = |maps: &[Arc<PointMap>]| {
-            maps.iter().find(|map| map.nm == nm && map.reach_mm >= reach_mm).map(Arc::clone)
+        let is_within = reach_mm <= self.map_reach_mm;
+        let (reach_mm, farther) = if is_within { (self.map_reach_mm, 1.0) } else { (reach_mm, FARTHER) };
+        let serves = |map: &PointMap| match is_within {
+            true => map.reach_mm == reach_mm,
+            false => map.reach_mm >= reach_mm,
         };
+        let known =
+            |maps: &[Arc<PointMap>]| maps.iter().find(|map| map.nm == nm && serves(map)).map(Arc::clone);
         if let Some(map) = known(&self.maps.lock().expect("no panic while held")) {
             return Ok(map);
         }
         // Farther than needed where the lens can be traced so far, so that points a little farther off have the same map.
         let args = ArrayFlags::parse(&self.flags)?.job;
         let map = on_own_threads(&args, || {
-            PointMap::new(&args, nm, FARTHER * reach_mm).or_else(|_| PointMap::new(&args, nm, reach_mm))
+            PointMap::new(&args, nm, farther * reach_mm).or_else(|_| PointMap::new(&args, nm, reach_mm))
         });
         let map = Arc::new(map?);
         let mut maps = self.maps.lock().expect("no panic while held");
