@@ -52,6 +52,7 @@ pub use tails::tail_bins_px;
 use crate::args::engine::Engine;
 use crate::args::{Device, RunArgs};
 use crate::job::layers::JobLayer;
+use crate::job::lens::known::KnownLenses;
 use crate::job::lens::request::difference;
 use crate::job::lens::{JobLens, UntracedLens};
 use crate::job::memory::Memory;
@@ -72,6 +73,7 @@ use pipeline::geometry::Frame;
 use pipeline::tiling::FilmRegion;
 use reduced::ReducedCharts;
 use serde_json::{Map, Value};
+use std::sync::Arc;
 use stretch::RemapStretch;
 use tails::JobTail;
 use veil::JobVeil;
@@ -144,12 +146,12 @@ impl Job {
         Self::resolve(args, Some(planned))
     }
 
-    /// Resolves `args` for arrays in memory, which no film in a store is for.
+    /// Resolves `args` for arrays in memory, which no film in a store is for; its lens is one of `known`, or kept there.
     ///
     /// # Errors
     /// As [`Job::new`].
-    pub fn of_arrays(args: &RunArgs, chart: ArrayChart) -> Result<Self> {
-        let opened = Opened::with_chart(args, Chart::Array(Box::new(chart)))?;
+    pub fn of_arrays(args: &RunArgs, chart: ArrayChart, known: &Arc<KnownLenses>) -> Result<Self> {
+        let opened = Opened::with_chart(args, Chart::Array(Box::new(chart)))?.among(known);
         UntracedJob::resolve_opened(args, opened, None)?.traced()
     }
 

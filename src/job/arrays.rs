@@ -18,6 +18,7 @@ pub use placement::Placement;
 
 use super::Job;
 use super::lens::UntracedLens;
+use super::lens::known::KnownLenses;
 use crate::args::RunArgs;
 use crate::failure::usage;
 use crate::machine::threads;
@@ -44,6 +45,7 @@ pub struct ArrayLens {
     /// How far the map of points reaches that all points have within `--reach-mm`, mm; 0 without that flag.
     map_reach_mm: f64,
     wavelengths_nm: Vec<f64>,
+    known: Arc<KnownLenses>,
     films: Mutex<Vec<KnownFilm>>,
     shared: Mutex<SharedSets>,
     maps: Mutex<Vec<Arc<PointMap>>>,
@@ -86,6 +88,7 @@ impl ArrayLens {
             is_symmetric_design,
             map_reach_mm: args.job.tracing.reach_mm.map_or(Ok(0.0), |mm| reach_of(&[[mm, 0.0]]))?,
             wavelengths_nm,
+            known: Arc::default(),
             films: Mutex::default(),
             shared: Mutex::default(),
             maps: Mutex::default(),
@@ -113,7 +116,8 @@ impl ArrayLens {
         let all: Vec<String> = self.flags.iter().chain(flags).cloned().collect();
         let args = ArrayFlags::parse(&all)?.job;
         let film = on_own_threads(&args, || {
-            let job = Job::of_arrays(&args, ArrayChart::new(chart, self.wavelengths_nm.clone(), args.nan))?;
+            let chart = ArrayChart::new(chart, self.wavelengths_nm.clone(), args.nan);
+            let job = Job::of_arrays(&args, chart, &self.known)?;
             let shared = self.shared.lock().expect("no panic while held").of_job(&job)?;
             Ok(Arc::new(ArrayFilm::new(job, shared)?))
         })?;

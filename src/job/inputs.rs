@@ -9,6 +9,7 @@ use super::scatter::JobScatter;
 use crate::args::{RunArgs, bands};
 use crate::failure::{other_job, usage};
 use crate::job::lens::UntracedLens;
+use crate::job::lens::known::KnownLenses;
 use crate::open::{self, Chart, ChartFlags, check_has_files};
 use crate::progress::log_line;
 use anyhow::Result;
@@ -16,7 +17,7 @@ use formats::chart::{NanPolicy, SceneChart};
 use pipeline::geometry::Frame;
 use serde_json::Value;
 use std::path::Path;
-use std::sync::Once;
+use std::sync::{Arc, Once};
 
 /// What films of surfaces at several distances are called where GPUs do not compute them.
 pub const DEPTH: &str = "--depth";
@@ -54,6 +55,11 @@ impl Opened {
             check_asymmetric(args)?;
         }
         Ok(Self { chart, lens, surfaces })
+    }
+
+    /// With the lenses that the process keeps.
+    pub fn among(self, known: &Arc<KnownLenses>) -> Self {
+        Self { lens: self.lens.among(Arc::clone(known)), ..self }
     }
 
     /// Whether there are surfaces at several distances.

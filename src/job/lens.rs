@@ -10,6 +10,7 @@ pub mod depth_nodes;
 pub mod drawn;
 pub mod energy;
 mod estimate;
+pub mod known;
 mod planar;
 mod planar_bands;
 mod reach;
@@ -30,6 +31,7 @@ use band_widths::BandWidths;
 use drawn::DrawnLens;
 pub use estimate::estimated;
 use formats::lens::{LensPack, LensPackError};
+use known::KnownLenses;
 use pipeline::band::{LensBands, Options};
 use pipeline::depth::plan::Surfaces;
 use pipeline::design::System;
@@ -78,6 +80,8 @@ pub struct UntracedDesign {
     bands: Option<BandWidths>,
     /// The lens that is traced, if it has no rotational symmetry.
     asymmetric: Option<AsymmetricLens>,
+    /// Lenses that the process keeps.
+    known: Option<Arc<KnownLenses>>,
 }
 
 impl UntracedLens {
@@ -185,7 +189,16 @@ impl UntracedLens {
         let (name, tracing) = (name.to_owned(), Some(tracing));
         let (system, asymmetric) =
             AsymmetricLens::of_design(system).with_context(|| format!("design {name}"))?;
-        Ok(Self::Design(Box::new(UntracedDesign { system, name, file, tracing, bands: None, asymmetric })))
+        let (bands, known) = (None, None);
+        Ok(Self::Design(Box::new(UntracedDesign { system, name, file, tracing, bands, asymmetric, known })))
+    }
+
+    /// The lens, which is looked for among those that are `known` before it is traced, and kept there.
+    pub fn among(self, known: Arc<KnownLenses>) -> Self {
+        match self {
+            Self::Design(design) => Self::Design(Box::new(UntracedDesign { known: Some(known), ..*design })),
+            pack => pack,
+        }
     }
 
     /// The lens for the bands of a chart at `chart_nm`, which `--band-samples` integrates over their widths.
@@ -332,7 +345,7 @@ pub enum JobLens {
     /// A lens pack with its bands.
     Pack(Arc<LensPack>),
     /// A design, traced at the wavelengths of the job.
-    Traced(Box<Traced>),
+    Traced(Arc<Traced>),
 }
 
 impl JobLens {
@@ -349,7 +362,7 @@ impl JobLens {
         match input {
             UntracedLens::Pack(pack) => Ok(Self::Pack(Arc::from(pack))),
             UntracedLens::Design(design) => {
-                let UntracedDesign { system, name, file, tracing, bands, asymmetric } = *design;
+                let UntracedDesign { system, name, file, tracing, bands, asymmetric, known } = *design;
                 let job = TracingJob {
                     system: &system,
                     name: &name,
@@ -360,6 +373,13 @@ impl JobLens {
                     bands: bands.as_ref(),
                     asymmetric: asymmetric.as_ref().filter(|lens| !lens.is_symmetric()),
                 };
+                let key = known.as_ref().and_then(|_| known::key(&job, wavelengths_nm));
+                let kept = known.zip(key);
+                if let Some(lens) = kept.as_ref().and_then(|(known, key)| known.find(key))
+                    && lens.covers(&job)
+                {
+                    return Ok(Self::Traced(lens));
+                }
                 let traced = self::tracing::trace(&job, wavelengths_nm, threads);
                 let traced = traced.with_context(|| format!("tracing {name}"));
                 let traced = match &tracing {
@@ -370,7 +390,11 @@ impl JobLens {
                     Some(AsymmetricLens::Drawn(drawn)) => Some(*drawn),
                     _ => None,
                 };
-                Ok(Self::Traced(Box::new(Traced { file, drawn, ..traced })))
+                let lens = Arc::new(Traced { file, drawn, ..traced });
+                if let Some((known, key)) = kept.filter(|_| !lens.is_for_one_film) {
+                    known.keep(key, &lens);
+                }
+                Ok(Self::Traced(lens))
             }
         }
     }

@@ -14,7 +14,7 @@ use super::energy::{self, MissedEnergy};
 use super::planar::PlanarLens;
 use super::reach::{BandReach, Reach};
 use super::traced::Traced;
-use super::tracing_job::{TracingJob, trace_options};
+use super::tracing_job::{TracingJob, WIDER, trace_options};
 use crate::args::{DesignArgs, TracingArgs};
 use crate::design;
 use crate::failure::{line, usage};
@@ -40,8 +40,6 @@ use std::time::Instant;
 const WIDE_WINDOW_PX: usize = 201;
 /// Maximum of the PSFs of a band in the cache, bytes uncompressed; of larger ones their pupil functions are stored.
 const MAX_PSF_BYTES: usize = 32_000_000;
-/// Reach of a band over one whose map does not cover the film.
-const WIDER: f64 = 1.02;
 /// Margin about the corner of the film of a design without symmetry that is tried first, mm: half a window of 70 pixels of 2 µm, along the diagonal.
 const FIRST_MARGIN_MM: f64 = 0.1;
 /// Height of the film's corner over that of the outermost field point, from which a note is printed.
@@ -124,6 +122,7 @@ pub(super) fn trace(job: &TracingJob<'_>, wavelengths_nm: &[f64], threads: usize
         is_announced: false,
         is_forecast: false,
         has_other_reach: false,
+        is_for_one_film: false,
     };
     let (mut lens, mut packs, mut recipes) = (None::<Lens>, Vec::new(), Vec::new());
     let mut darkest = None::<(MissedEnergy, f64)>;
@@ -205,6 +204,7 @@ pub(super) fn trace(job: &TracingJob<'_>, wavelengths_nm: &[f64], threads: usize
         ideal_light,
         file: None,
         drawn: None,
+        is_for_one_film: tracer.is_for_one_film,
         _cache: tracer.cache,
     })
 }
@@ -262,6 +262,8 @@ pub(super) struct BandTracer<'a> {
     pub(super) is_forecast: bool,
     /// Whether another reach is tried if the lens cannot be traced up to this one.
     has_other_reach: bool,
+    /// Whether a band reaches farther than its step because the film needs that.
+    is_for_one_film: bool,
 }
 
 impl BandTracer<'_> {
@@ -333,13 +335,9 @@ impl BandTracer<'_> {
             };
             let steps = self.reach.as_ref();
             let wider = steps.and_then(|steps| steps.wider(chief_rays, reach, &pack)).or_else(|| {
-                match job.plan(pack.lens(), nm) {
-                    // E.g. film pixels much larger than those of the trace.
-                    Err(LensError::Outside { needed_mm, .. }) => Some(BandReach::up_to(needed_mm)),
-                    Err(LensError::OutsideMap { .. }) => Some(BandReach::up_to(WIDER * reach.reach_mm)),
-                    // Other errors are reported when the job plans its bands.
-                    _ => None,
-                }
+                let wider_mm = job.wider_for_film(pack.lens(), nm, reach.reach_mm);
+                self.is_for_one_film |= wider_mm.is_some();
+                wider_mm.map(BandReach::up_to)
             });
             match wider {
                 Some(wider) if wider.reach_mm > reach.reach_mm => reach = wider,

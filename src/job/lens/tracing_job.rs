@@ -24,6 +24,8 @@ const MAX_PITCH_UM: f64 = 50.0;
 const FINE_PITCH_UM: f64 = 2.0;
 /// Maximum samples of a side of a PSF for coarse pixels: those of 639 pixels of 2 µm at f/1.2 and 400 nm.
 const MAX_SIDE: f64 = 6400.0;
+/// Reach of a band over one whose map does not cover the film.
+pub(super) const WIDER: f64 = 1.02;
 /// Trace pitches in a decade (R10 series of preferred numbers).
 const PITCHES: [f64; 10] = [1.0, 1.25, 1.6, 2.0, 2.5, 3.15, 4.0, 5.0, 6.3, 8.0];
 /// Relative amount by which a trace pitch may exceed the film's.
@@ -89,6 +91,17 @@ impl TracingJob<'_> {
         match self.depth {
             None => BandPlan::new(self.frame, lens, nm, self.options),
             Some(depth) => BandPlan::with_depth(self.frame, lens, nm, self.options, depth.surfaces),
+        }
+    }
+
+    /// How far from the axis, mm, the film needs the band of `lens` at `nm`, which reaches `reach_mm`; none if that is enough.
+    pub(super) fn wider_for_film(&self, lens: &Lens, nm: f64, reach_mm: f64) -> Option<f64> {
+        match self.plan(lens, nm) {
+            // E.g. film pixels much larger than those of the trace.
+            Err(LensError::Outside { needed_mm, .. }) => Some(needed_mm),
+            Err(LensError::OutsideMap { .. }) => Some(WIDER * reach_mm),
+            // Other errors are reported when the job plans its bands.
+            _ => None,
         }
     }
 }
