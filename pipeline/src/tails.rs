@@ -12,8 +12,8 @@
 //! few more (g is the least that gives them).
 //!
 //! U: four-tap cubic Lagrange interpolation from the centres of bins, u = (x + ½)/b − ½; Uᵀ, its transpose, puts light into bins so that moments up to
-//! the third are kept. On average over the places of a bin each U and each Uᵀ takes 11/720 b⁴ (∂⁴/∂x⁴ + ∂⁴/∂y⁴) T from T; the kernels have that added, as fourth differences. L_0 is computed from samples of the light at half bins ([`light`]), read from the chart on cells of their size (`cells`). The convolution of a level is that of the PSF stage with the
-//! node kernels T_l at [`AZIMUTHS`] azimuths of as many heights as linear interpolation of T within 1 % needs (`convolution`), in f32: the same bits on every host.
+//! the third are kept. On average over the places of a bin each U and each Uᵀ takes 11/720 b⁴ (∂⁴/∂x⁴ + ∂⁴/∂y⁴) T from T; the kernels have that added, as fourth differences. L_0 is computed from samples of the light at half bins ([`light`]), read from the chart on cells of their size (`cells`). A level is convolved harmonic by
+//! harmonic (`harmonics`, `convolution`), in f32: the same bits on every host.
 //! Surroundings of the film that a level's kernels reach are part of its light.
 //!
 //! Light is conserved: the kernels K of a height have the sum 1 − Σ_j c_0j Σ_l Σ_bins b_l² B_0j, that of the sums on the bins. A uniform
@@ -22,10 +22,11 @@
 //! The transpose, from a film to the chart, is in `transpose`.
 //!
 //! Errors of half planes and discs, of white, and of points: see `model.md`, tails. Of a single pixel near a point: up to 15 % of T between one and two radii on bins of R/2.5.
-//! Left out: fringes beyond the window; change of c between nodes other than linear.
+//! Left out: fringes beyond the window; change of c between the heights of the PSFs other than linear.
 
 mod cells;
 mod convolution;
+mod harmonics;
 mod lanes;
 pub mod levels;
 pub mod light;
@@ -34,7 +35,7 @@ mod remapped;
 mod transpose;
 
 pub use cells::ChartCells;
-pub use levels::{MAX_LEVELS, TailKernels};
+pub use levels::TailKernels;
 pub use plan::TailPlan;
 pub use remapped::TAIL_MARGIN_BINS;
 
@@ -64,8 +65,6 @@ const fn first_part(taps: usize) -> i64 {
 const GROWTH: usize = 4;
 /// Bins in the radius of each level but the first, at least.
 const BINS_IN_LEVEL: usize = 5;
-/// Azimuths of the nodes of a height off the axis.
-pub const AZIMUTHS: usize = 32;
 /// Bins around those of the film in the result of a level: two that interpolation to a finer level or to pixels reads, and one for the
 /// difference of their grids.
 const OUT_MARGIN: usize = 3;

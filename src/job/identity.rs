@@ -5,6 +5,7 @@ use super::film::chart_units;
 use super::inputs::Inputs;
 use super::keys::{DIGEST, MTIMES};
 use super::numeric_version::numeric_version;
+use super::tails::TAILS_VERSION;
 use super::veil;
 use crate::args::{CoatingsArg, RunArgs};
 use crate::open::{Chart, is_builtin};
@@ -60,6 +61,7 @@ pub fn identity(
     // Absent without tails: the identity is then that of programs without them.
     if has_tails {
         map.insert("tails".into(), true.into());
+        map.insert(TAILS_VERSION.0.into(), TAILS_VERSION.1.into());
     }
     map.extend(veil::identity(args, frame));
     map.extend(inputs.scatter.iter().map(|scatter| ("scatter".to_owned(), scatter.identity())));

@@ -24,6 +24,7 @@ pub fn argument(key: &str) -> String {
         "ghosts.design" => "--coatings or --lens of the ghosts (digest)".into(),
         "ghosts.rings" => "--ghost-rings".into(),
         "ghosts.sensor_reflectance" => "--sensor-reflectance".into(),
+        "tails_version" => "version of the tails of PSFs".into(),
         "veil_version" => "version of glare and scatter".into(),
         "ghosts.version" => "version of the ghosts".into(),
         "numeric_version" => "numeric version of the program".into(),

@@ -3,6 +3,7 @@
 //! Functions of the window n and the node grid only, never of memory, threads or timing, so the film has the same bits however it
 //! is computed.
 
+use crate::geometry::Size;
 use crate::psf::grid::{NodeGrid, PolarNodes, Positions};
 
 /// FFT sizes, multiples of 32 (16 columns per register, halves of the right-angle transform) with factors 2, 3 and 5, and the cost of
@@ -64,6 +65,24 @@ impl Blocks {
         let fft = cheapest.expect("BandPlan::new checks the window").0;
         let block = fft - window + 1;
         Self { window, fft, block, tile: block * (TILE_SIDE / block).max(1) }
+    }
+
+    /// The partition of least cost for sums of `images` images, each with its kernel of `window` pixels, of blocks of all of `areas`.
+    ///
+    /// # Panics
+    /// A window above [`Blocks::widest_window`].
+    pub fn of_images(window: usize, images: usize, areas: &[Size]) -> Self {
+        let cost = |&(fft, image, once): &(usize, f64, f64)| {
+            let block = fft - window + 1;
+            let blocks: usize =
+                areas.iter().map(|area| area.height.div_ceil(block) * area.width.div_ceil(block)).sum();
+            (blocks * fft * fft) as f64 * (images as f64 * image + once)
+        };
+        let wide_enough = FFT_SIDES.iter().filter(|(fft, ..)| *fft >= 2 * window);
+        let cheapest = wide_enough.min_by(|a, b| cost(a).total_cmp(&cost(b)));
+        let fft = cheapest.expect("a window up to the widest").0;
+        let block = fft - window + 1;
+        Self { window, fft, block, tile: block }
     }
 
     /// Mean cost of a remapped pixel on one core over the disc of `grid`'s heights, or its rectangle, ns, spectra included.

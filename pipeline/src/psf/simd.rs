@@ -17,6 +17,7 @@ mod block;
 mod complex;
 mod fft;
 mod gather;
+pub(crate) mod images;
 
 use crate::buffer::AlignedBuf;
 use crate::psf::block_view::{BlockView, Spectra};
@@ -179,6 +180,13 @@ impl<V: Lanes> Columns<V> {
         if first {
             return; // all pixels are 0
         }
+        self.add_inverse((rows, cols), out, out_stride, s);
+    }
+
+    /// Adds the inverse transform of `s.sum`, of a block of `rows` × `cols` pixels, to `out`.
+    fn add_inverse(&self, (rows, cols): (usize, usize), out: &mut [f32], out_stride: usize, s: &mut Scratch) {
+        let panel = cast_slice_mut::<_, Complex<V>>(&mut s.panel);
+        let sum = cast_slice_mut::<_, Complex<V>>(&mut s.sum);
         for group in sum.chunks_exact_mut(self.fft) {
             self.along_x.inverse(group);
         }

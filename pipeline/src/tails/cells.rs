@@ -117,18 +117,28 @@ impl CellAxis {
         all.into_iter().map(gathered).collect()
     }
 
-    /// Cells per chart pixel.
-    fn per_pixel(&self) -> f64 {
-        1.0 / self.side as f64
+    /// First of the four cells around the chart coordinate `at`, margin included, and the fraction of a cell beyond: as [`CellAxis::around`] without folding.
+    #[inline(always)]
+    fn first_and_fraction(&self, at: f64) -> (i32, f32) {
+        /// From the first place and from the last, cells, so that it has four cells.
+        const INSIDE: f64 = 1e-9;
+        let u = (at + 0.5) / self.side as f64 - 0.5;
+        let u = u.clamp(1.0 - MARGIN as f64 + INSIDE, self.last() - INSIDE);
+        let (next, fraction) = parts(u + MARGIN as f64);
+        (next.wrapping_sub(1), fraction)
     }
 
-    /// Whether the four cells around the chart coordinate `at` are there, without folding or clamping.
+    /// Whether the four cells around the chart coordinate `at` are there without folding.
     fn has(&self, at: f64, surround: Surround) -> bool {
-        let from = match surround {
-            Surround::Mirror => -0.5,
-            Surround::Black | Surround::Edge => -((MARGIN - 2) as f64 * self.side as f64),
-        };
-        (from..=self.pixels as f64 - 1.0 - from).contains(&at)
+        match surround {
+            Surround::Mirror => (-0.5..=self.pixels as f64 - 0.5).contains(&at),
+            Surround::Black | Surround::Edge => !at.is_nan(),
+        }
+    }
+
+    /// The last place between cells that is read, cells: beyond it is what is there.
+    fn last(&self) -> f64 {
+        (self.cells() - 2 * MARGIN) as f64 + (MARGIN - 2) as f64
     }
 
     /// First of the four cells around the chart coordinate `at`, margin included, and their weights.
@@ -142,7 +152,7 @@ impl CellAxis {
             }
             _ => at,
         };
-        let last = (self.cells() - 2 * MARGIN) as f64 + (MARGIN - 2) as f64;
+        let last = self.last();
         let u = ((at + 0.5) / self.side as f64 - 0.5).clamp(1.0 - MARGIN as f64, last);
         let cell = u.floor().min(last - 1.0);
         ((cell + (MARGIN - 1) as f64) as usize, Taps::Lagrange.weights(u - cell))
@@ -209,11 +219,8 @@ impl ChartCells {
         for lane in 0..MAX_LANES {
             let [row, column, gain] = coordinates(lane);
             has_all &= self.rows.has(row, self.surround) & self.columns.has(column, self.surround);
-            // In cells, positive if they are there.
-            let cell = |axis: &CellAxis, at: f64| (at + 0.5) * axis.per_pixel() + (MARGIN as f64 - 1.5);
-            let (u, v) = (cell(&self.rows, row), cell(&self.columns, column));
-            let (top, down) = parts(u);
-            let (left, across) = parts(v);
+            let (top, down) = self.rows.first_and_fraction(row);
+            let (left, across) = self.columns.first_and_fraction(column);
             places.first[lane] = top.wrapping_mul(width as i32).wrapping_add(left);
             (places.down[lane], places.across[lane]) = (down, across);
             places.gain[lane] = gain as f32;
@@ -246,7 +253,7 @@ impl ChartCells {
     }
 }
 
-/// Integer part and fraction, 0 to 1, of `v`, positive and below 2³¹: a sum with 2⁵² is an integer. (A conversion is not vectorised.)
+/// Integer part and fraction, 0 to 1, of `v`, above 1 and below 2³¹: a sum with 2⁵² is an integer. (A conversion is not vectorised.)
 #[inline(always)]
 fn parts(v: f64) -> (i32, f32) {
     const TO_INTEGER: f64 = (1u64 << 52) as f64;

@@ -9,9 +9,7 @@ use super::plan::TailPlan;
 use super::{GROWTH, OUT_MARGIN, first_part, transposed};
 use crate::geometry::{Frame, Size};
 use crate::layer::{BinGrid, Taps};
-use crate::psf::spectra::SpectrumCache;
 use crate::simd::Simd;
-use std::sync::Arc;
 
 /// `light`, the remapped image, on the bins of each level.
 pub fn lights(plan: &TailPlan, light: &dyn Light, threads: usize) -> Vec<Vec<f32>> {
@@ -22,9 +20,6 @@ pub fn lights(plan: &TailPlan, light: &dyn Light, threads: usize) -> Vec<Vec<f32
     }
     lights
 }
-
-/// Levels of a film: their radii grow by a factor, so that 32 exceed any diagonal.
-pub const MAX_LEVELS: usize = 32;
 
 /// The kernels of a band's tails, for films of the size and scale of its plan.
 pub struct TailKernels {
@@ -40,16 +35,9 @@ impl std::fmt::Debug for TailKernels {
 }
 
 impl TailKernels {
-    /// Those of `plan`, for one film.
+    /// Those of `plan`.
     pub fn new(plan: &TailPlan, simd: Simd) -> Self {
-        Self { rest: plan.rest(), convolve: kernels(plan, simd, None) }
-    }
-
-    /// As [`TailKernels::new`], for several films: their spectra are kept in `cache`, where the levels are bands from `first_id` on, at most [`MAX_LEVELS`].
-    pub fn kept(plan: &TailPlan, simd: Simd, cache: &Arc<SpectrumCache>, first_id: usize) -> Self {
-        assert!(plan.levels <= MAX_LEVELS, "{} levels", plan.levels);
-        let cache = Some((Arc::clone(cache), first_id));
-        Self { rest: plan.rest(), convolve: kernels(plan, simd, cache) }
+        Self { rest: plan.rest(), convolve: kernels(plan, simd) }
     }
 }
 

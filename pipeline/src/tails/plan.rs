@@ -1,14 +1,14 @@
 //! The levels of a band's tails, and the light that is left for its kernels.
 
 use super::convolution::row_stride;
-use super::{AZIMUTHS, BINS_IN_LEVEL, GROWTH, MAX_BIN_PX, OUT_MARGIN};
+use super::harmonics::{KERNELS, on_axis};
+use super::{BINS_IN_LEVEL, GROWTH, MAX_BIN_PX, OUT_MARGIN};
 use crate::geometry::{Frame, Size};
 use crate::layer::BinGrid;
 use crate::lens::LensBand;
 use crate::lens::PsfStack;
-use crate::lens::tail::{BandTail, Coefficients, TERMS, radial, value};
+use crate::lens::tail::{BandTail, Coefficients, TERMS, radial};
 use crate::psf::blocks::Blocks;
-use crate::psf::grid::NodeGrid;
 use crate::psf::kernel::NodeKernels;
 use crate::real;
 use crate::simd::Simd;
@@ -25,11 +25,11 @@ const MEAN_BLUR: f64 = 11.0 / 720.0;
 /// The tails of a band on a film.
 #[derive(Clone, Debug)]
 pub struct TailPlan {
-    /// The tails at the heights of the near kernels: those of the nodes, and linear between them, as the layer has them. So the light of both adds up to that of the PSF.
+    /// The tails at the heights of the near kernels, linear between them as these are: so the light of both adds up to that of the PSF.
     tail: BandTail,
-    /// Heights of the nodes of all levels, mm, and their coefficients, lengths in film pixels.
-    node_height_mm: Vec<f64>,
-    pub(super) coefficients: Vec<Coefficients>,
+    /// Their heights in film pixels, and their coefficients, lengths in film pixels; without harmonics on the axis.
+    height_px: Vec<f64>,
+    coefficients: Vec<Coefficients>,
     /// Inner radius of level 0, film pixels.
     pub(super) inner_px: f64,
     /// Bin of level 0, film pixels.
@@ -57,10 +57,14 @@ impl TailPlan {
         while inner_px * (first_growth * GROWTH.pow(levels as u32 - 1)) as f64 <= diagonal {
             levels += 1;
         }
-        let (tail, nodes) = between_nodes(tail, &band.psf_height_mm);
+        let height_mm = band.psf_height_mm.clone();
+        let coefficients = height_mm.iter().map(|h| tail.at(*h)).collect();
+        let tail = BandTail { inner_mm: tail.inner_mm, height_mm, coefficients };
+        let mut coefficients: Vec<_> = tail.coefficients.iter().map(|c| in_pixels(c, pitch_mm)).collect();
+        coefficients[0] = on_axis(coefficients[0]);
         Some(Self {
-            node_height_mm: nodes.iter().map(|k| tail.height_mm[*k]).collect(),
-            coefficients: nodes.iter().map(|k| in_pixels(&tail.coefficients[*k], pitch_mm)).collect(),
+            height_px: tail.height_mm.iter().map(|mm| mm / pitch_mm).collect(),
+            coefficients,
             tail,
             inner_px,
             bin_px,
@@ -100,11 +104,15 @@ impl TailPlan {
         BinGrid::new(self.film, self.bin_px * GROWTH.pow(level as u32), self.half() + OUT_MARGIN)
     }
 
-    /// The nodes of `level`.
-    pub(super) fn grid(&self, level: usize) -> NodeGrid {
-        let heights = &self.node_height_mm;
-        let azimuths: Vec<usize> = (0..heights.len()).map(|k| if k == 0 { 1 } else { AZIMUTHS }).collect();
-        NodeGrid::new(heights, &azimuths, self.pitch_mm * self.bins(level).bin_px as f64)
+    /// Coefficients at the heights about `r` bins of `level` from the axis, and the share of the second.
+    pub(super) fn around(&self, level: usize, r: f64) -> (&Coefficients, &Coefficients, f64) {
+        let (h, c, r_px) = (&self.height_px, &self.coefficients, r * self.bins(level).bin_px as f64);
+        let last = h.len() - 1;
+        if r_px >= h[last] {
+            return (&c[last], &c[last], 0.0);
+        }
+        let k = h.partition_point(|h| *h <= r_px).clamp(1, last);
+        (&c[k - 1], &c[k], (r_px - h[k - 1]) / (h[k] - h[k - 1]))
     }
 
     /// Factor of the power law `j` of level `level` over that of the last level with kernels of its own, 0 or 1.
@@ -182,7 +190,8 @@ impl TailPlan {
 
     /// FFT blocks of all levels: their kernels have the same size.
     pub(super) fn blocks(&self) -> Blocks {
-        Blocks::choose(2 * self.half() + 1, &self.grid(0))
+        let levels: Vec<Size> = (0..self.levels).map(|level| self.bins(level).size()).collect();
+        Blocks::of_images(2 * self.half() + 1, KERNELS, &levels)
     }
 
     /// Bytes of the light of all levels.
@@ -194,12 +203,13 @@ impl TailPlan {
     /// Bytes while the layer is computed from the light on `threads` threads, its result included.
     pub(super) fn making_bytes(&self, threads: usize) -> usize {
         let (blocks, half, size) = (self.blocks(), self.half(), self.bins(0).size());
-        // Of each power law, and of a level.
-        let spectra = (TERMS + 1) * blocks.spectrum_bytes() * self.grid(0).len();
+        // Of levels 0 and 1; and images of each thread.
+        let spectra = 2 * KERNELS * blocks.spectrum_bytes();
+        let images = 2 * KERNELS * threads * 4 * blocks.block * row_stride(blocks.block, 0);
         // The result of a level, the sum of blocks, and what the threads add to it.
         let rows = |rows: usize| (rows + 2 * half) * row_stride(size.width, half);
         let sums = size.pixels() + rows(size.height) + threads * rows(blocks.block);
-        self.light_bytes() + 4 * sums + spectra
+        self.light_bytes() + 4 * sums + spectra + images
     }
 
     /// Core seconds of the layer, about, without the reading of the light: 200 ns a bin of level 0.
@@ -221,43 +231,6 @@ fn blur(frame: &Frame, bin_px: usize) -> [f64; 2] {
     let of_cells = 2.0 * (cell_px / bin_px as f64).powi(4);
     let of_first = 2.0 + of_cells;
     [of_first, 2.0 + of_first / (GROWTH as f64).powi(4)]
-}
-
-/// Change of T, as a share of its mean over the azimuth, that linear interpolation between nodes may cause at 1, 2 and 4 inner radii.
-const NODE_TOLERANCE: f64 = 0.01;
-
-/// The tails `tail` at `height_mm`, linear between nodes as far apart as [`NODE_TOLERANCE`] admits, and the indices of these.
-fn between_nodes(tail: &BandTail, height_mm: &[f64]) -> (BandTail, Vec<usize>) {
-    let exact: Vec<Coefficients> = height_mm.iter().map(|h| tail.at(*h)).collect();
-    let between = |(first, last): (usize, usize), k: usize| -> Coefficients {
-        let t = (height_mm[k] - height_mm[first]) / (height_mm[last] - height_mm[first]);
-        let (a, b) = (&exact[first], &exact[last]);
-        std::array::from_fn(|m| std::array::from_fn(|j| a[m][j] + t * (b[m][j] - a[m][j])))
-    };
-    let is_linear = |ends: (usize, usize)| {
-        (ends.0 + 1..ends.1).all(|k| {
-            let (c, exact) = (between(ends, k), &exact[k]);
-            let change = std::array::from_fn(|m| std::array::from_fn(|j| c[m][j] - exact[m][j]));
-            [1.0, 2.0, 4.0].into_iter().all(|radii| {
-                let r = radii * tail.inner_mm;
-                let mean: f64 = (0..TERMS).map(|j| exact[0][j] * radial(r, tail.inner_mm, 0, j)).sum();
-                (0..=8).all(|i| {
-                    let (sin, cos) = real::sin_cos(f64::from(i) * std::f64::consts::PI / 8.0);
-                    value(&change, tail.inner_mm, r * cos, r * sin).abs() <= NODE_TOLERANCE * mean
-                })
-            })
-        })
-    };
-    let mut nodes = vec![0];
-    let mut coefficients = vec![exact[0]];
-    while let Some(first) = nodes.last().copied().filter(|first| first + 1 < exact.len()) {
-        let last = (first + 2..exact.len()).take_while(|last| is_linear((first, *last))).last();
-        let last = last.unwrap_or(first + 1);
-        coefficients.extend((first + 1..last).map(|k| between((first, last), k)));
-        coefficients.push(exact[last]);
-        nodes.push(last);
-    }
-    (BandTail { inner_mm: tail.inner_mm, height_mm: height_mm.to_vec(), coefficients }, nodes)
 }
 
 /// Coefficients in mm and mm³ as those in pixels.

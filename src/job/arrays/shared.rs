@@ -10,9 +10,8 @@ use pipeline::band::BandStages;
 use pipeline::geometry::Size;
 use pipeline::psf::BandPsf;
 use pipeline::psf::spectra::SpectrumCache;
-use pipeline::tails::{MAX_LEVELS, TailKernels, TailPlan};
-use std::sync::atomic::{AtomicUsize, Ordering::Relaxed};
-use std::sync::{Arc, Mutex, OnceLock};
+use pipeline::tails::{TailKernels, TailPlan};
+use std::sync::{Arc, Mutex};
 
 /// Sizes and scales of films of which a set keeps the kernels of tails.
 const MAX_SIZES: usize = 2;
@@ -23,21 +22,10 @@ const KERNEL_PART: u64 = 4;
 #[derive(Default)]
 pub struct SharedSets {
     sets: Vec<Arc<SharedStages>>,
-    spectra: OnceLock<Spectra>,
-}
-
-/// Spectra of the kernels of all sets, and how many ids of bands are used in their cache.
-#[derive(Clone)]
-struct Spectra {
-    cache: Arc<SpectrumCache>,
-    ids: Arc<AtomicUsize>,
-}
-
-impl Spectra {
-    /// The first of `count` ids that are not used yet.
-    fn next_ids(&self, count: usize) -> usize {
-        self.ids.fetch_add(count, Relaxed)
-    }
+    /// Spectra of the kernels of all sets.
+    spectra: Option<Arc<SpectrumCache>>,
+    /// The first id of a band in their cache that is not used yet.
+    next_id: usize,
 }
 
 /// PSF stages of the bands of a lens on films of one pitch.
@@ -47,7 +35,7 @@ pub struct SharedStages {
     psfs: Vec<Option<Arc<BandPsf>>>,
     /// Bytes of their kernels.
     kernel_bytes: u64,
-    spectra: Spectra,
+    spectra: Arc<SpectrumCache>,
     /// Kernels of tails by size and scale of the film.
     tails: Mutex<Vec<SizedTails>>,
 }
@@ -86,9 +74,10 @@ impl SharedSets {
     }
 
     fn new_set(&mut self, job: &Job, key: String) -> Result<Arc<SharedStages>> {
-        let new = || Spectra { cache: Arc::new(SpectrumCache::new(job.memory.spectra)), ids: Arc::default() };
-        let spectra = self.spectra.get_or_init(new).clone();
-        let first_id = spectra.next_ids(job.plans.len());
+        let new = || Arc::new(SpectrumCache::new(job.memory.spectra));
+        let spectra = Arc::clone(self.spectra.get_or_insert_with(new));
+        let first_id = self.next_id;
+        self.next_id += job.plans.len();
         let psf = |position: usize| Ok(stages::with_id(job, position, first_id + position)?.psf);
         let psfs = (0..job.plans.len()).map(psf).collect::<Result<Vec<_>>>()?;
         let kernel_bytes = job.plans.iter().map(|plan| plan.kernels_bytes() as u64).sum();
@@ -110,7 +99,7 @@ impl SharedSets {
 impl SharedStages {
     /// Spectra of the kernels.
     pub fn spectra(&self) -> &Arc<SpectrumCache> {
-        &self.spectra.cache
+        &self.spectra
     }
 
     /// The kernels of the tails of the bands of `job`.
@@ -120,10 +109,7 @@ impl SharedStages {
         if let Some(tails) = known.iter().find(|tails| tails.film == film && tails.scale == scale) {
             return tails.bands.clone();
         }
-        let kernels = |plan: &TailPlan| {
-            let first_id = self.spectra.next_ids(MAX_LEVELS);
-            Arc::new(TailKernels::kept(plan, job.options.simd, &self.spectra.cache, first_id))
-        };
+        let kernels = |plan: &TailPlan| Arc::new(TailKernels::new(plan, job.options.simd));
         let bands: Vec<_> = job.plans.iter().map(|plan| plan.tail.as_ref().map(kernels)).collect();
         if known.len() == MAX_SIZES {
             known.remove(0);

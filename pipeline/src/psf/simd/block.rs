@@ -292,6 +292,33 @@ impl<V: Lanes> SimdOp<V> for KernelColumns<'_, V> {
     }
 }
 
+/// A panel of an image as z_y.
+pub(super) struct ImageColumns<'a, V> {
+    /// From the panel's first column on, rows `stride` apart.
+    pub(super) image: &'a [f32],
+    pub(super) stride: usize,
+    pub(super) rows: usize,
+    pub(super) omega: &'a [[f32; 2]],
+    pub(super) panel: &'a mut [Complex<V>],
+}
+
+impl<V: Lanes> SimdOp<V> for ImageColumns<'_, V> {
+    #[inline(always)]
+    fn run(self) {
+        let half = self.panel.len();
+        for (y, (z, w)) in self.panel.iter_mut().zip(self.omega).enumerate() {
+            let (mut re, mut im) = (V::splat(0.0), V::splat(0.0));
+            if y < self.rows {
+                re = V::load(&self.image[y * self.stride..]);
+            }
+            if y + half < self.rows {
+                im = V::load(&self.image[(y + half) * self.stride..]);
+            }
+            *z = Complex { re, im }.times(*w);
+        }
+    }
+}
+
 /// Transposes a transformed panel into its columns of every group.
 pub(super) struct ToGroups<'a, V> {
     pub(super) panel: &'a [Complex<V>],

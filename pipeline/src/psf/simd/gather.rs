@@ -9,7 +9,7 @@
 //! The correlation is skew-circular along y and circular along x. A pixel of the block is at most F − n, so film pixels before it meet the kernel from its sample n on:
 //! zeros.
 
-use super::block::{FromGroups, PanelExtent, Pixels, SplatWeight, ToGroups, clear_columns};
+use super::block::{FromGroups, ImageColumns, PanelExtent, Pixels, SplatWeight, ToGroups, clear_columns};
 use super::complex::Complex;
 use super::{Columns, Scratch};
 use crate::psf::block_view::{BlockView, Spectra};
@@ -67,7 +67,12 @@ impl<V: Lanes> Columns<V> {
     }
 
     /// The transform of the `rows` × `cols` first values of `film` in `s.groups`.
-    fn transform_film(&self, (film, stride): (&[f32], usize), (rows, cols): (usize, usize), s: &mut Scratch) {
+    pub(super) fn transform_film(
+        &self,
+        (film, stride): (&[f32], usize),
+        (rows, cols): (usize, usize),
+        s: &mut Scratch,
+    ) {
         let panel = cast_slice_mut::<_, Complex<V>>(&mut s.panel);
         let groups = cast_slice_mut::<_, Complex<V>>(&mut s.groups);
         for first_column in (0..self.fft).step_by(V::LANES) {
@@ -75,8 +80,8 @@ impl<V: Lanes> Columns<V> {
                 clear_columns::<V>(groups, self.fft, first_column);
                 continue;
             }
-            let film = &film[first_column..];
-            self.dispatch.run(FilmColumns { film, stride, rows, omega: &self.omega, panel });
+            let image = &film[first_column..];
+            self.dispatch.run(ImageColumns { image, stride, rows, omega: &self.omega, panel });
             self.along_y.forward(panel);
             self.dispatch.run(ToGroups { panel, groups, fft: self.fft, first_column });
         }
@@ -94,38 +99,11 @@ impl<V: Lanes> Columns<V> {
     }
 }
 
-/// A panel of the film as z_y.
-struct FilmColumns<'a, V> {
-    /// From the panel's first column on, rows `stride` apart.
-    film: &'a [f32],
-    stride: usize,
-    rows: usize,
-    omega: &'a [[f32; 2]],
-    panel: &'a mut [Complex<V>],
-}
-
-impl<V: Lanes> SimdOp<V> for FilmColumns<'_, V> {
-    #[inline(always)]
-    fn run(self) {
-        let half = self.panel.len();
-        for (y, (z, w)) in self.panel.iter_mut().zip(self.omega).enumerate() {
-            let (mut re, mut im) = (V::splat(0.0), V::splat(0.0));
-            if y < self.rows {
-                re = V::load(&self.film[y * self.stride..]);
-            }
-            if y + half < self.rows {
-                im = V::load(&self.film[(y + half) * self.stride..]);
-            }
-            *z = Complex { re, im }.times(*w);
-        }
-    }
-}
-
 /// `film` times the conjugate of `spectrum`.
-struct ConjugateProduct<'a, V> {
-    film: &'a [Complex<V>],
-    spectrum: &'a [Complex<V>],
-    to: &'a mut [Complex<V>],
+pub(super) struct ConjugateProduct<'a, V> {
+    pub(super) film: &'a [Complex<V>],
+    pub(super) spectrum: &'a [Complex<V>],
+    pub(super) to: &'a mut [Complex<V>],
 }
 
 impl<V: Lanes> SimdOp<V> for ConjugateProduct<'_, V> {

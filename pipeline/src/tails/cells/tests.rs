@@ -85,6 +85,28 @@ fn an_even_chart_and_its_surroundings_are_even_and_black_ones_end_at_the_margin(
 }
 
 #[test]
+fn places_side_by_side_have_the_light_of_each_place() {
+    let size = Size::new(130, 83);
+    let pixel = |y: i64, x: i64| ((y * 37 + x * 11) % 17) as f32;
+    for surround in [Surround::Black, Surround::Edge, Surround::Mirror] {
+        for side in [(4, 4), (3, 7), (1, 2)] {
+            let cells = read(size, pixel, side, surround, 1);
+            for (row, first, step) in
+                [(-900.0, -900.0, 137.3), (-0.5, -12.0, 1.7), (64.3, 60.0, 5.1), (2e5, 81.75, 3e4)]
+            {
+                let mut out = [0f32; MAX_LANES];
+                cells.along([[row, first, 2.0], [0.0, step, 0.0], [0.0; 3]], Simd::detect(), &mut out);
+                for (i, found) in out.iter().enumerate() {
+                    let expected = 2.0 * cells.at(row, first + i as f64 * step);
+                    let error = (f64::from(*found) - expected).abs();
+                    assert!(error < 1e-4, "{surround:?} {side:?} {row} {first} {i}: {found} {expected}");
+                }
+            }
+        }
+    }
+}
+
+#[test]
 fn a_smooth_chart_is_read_between_cells_and_mirrored_ones_beyond() {
     let size = Size::new(512, 300);
     let wave = |y: f64, x: f64| 1.0 + 0.4 * (y / 40.0).sin() * (x / 55.0).cos();

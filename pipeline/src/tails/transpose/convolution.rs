@@ -1,13 +1,13 @@
 //! The transposes of the convolutions of the levels: correlations with the same kernels, by the same transforms.
 
-use super::super::convolution::{Engine, LevelSpectra, TermSpectra, place, unset};
+use super::super::convolution::{Engine, place};
+use super::super::harmonics::{self, BlockWeights};
 use crate::buffer::zeros;
 use crate::geometry::{Frame, Rect, Size};
 use crate::parts::for_each_part;
 use crate::simd::lanes::{Lanes, MAX_LANES};
 use crate::tails::OUT_MARGIN;
 use crate::tails::levels::out_size;
-use std::cell::RefCell;
 use std::convert::Infallible;
 
 impl<V: Lanes> Engine<V> {
@@ -16,15 +16,12 @@ impl<V: Lanes> Engine<V> {
         &self,
         frame: &Frame,
         level: usize,
-        terms: &TermSpectra,
         result: &[f32],
         threads: usize,
     ) -> Vec<f32> {
         let plan = &self.plan;
         let bins = plan.bins(level);
         let (Size { height: rows, width: columns }, half) = (bins.size(), plan.half());
-        let grid = plan.grid(level);
-        let made = unset(if self.has_cache() { 0 } else { grid.len() });
         // The bins of `result`, from the first place that the first bin's kernel reaches.
         let size = out_size(&bins);
         let first = (half + bins.margin - OUT_MARGIN) as i64;
@@ -33,12 +30,8 @@ impl<V: Lanes> Engine<V> {
         let done: Result<(), Infallible> = for_each_part(
             threads,
             light.chunks_mut(self.blocks.block * columns).enumerate(),
-            || {
-                let scratch = RefCell::new(self.columns.scratch());
-                let spectra = LevelSpectra { engine: self, grid: &grid, level, terms, made: &made, scratch };
-                (spectra, self.columns.scratch(), Vec::new(), Vec::new())
-            },
-            |(spectra, scratch, window, out), (row, light)| {
+            || (BlockWeights::default(), self.columns.scratch(), Vec::new(), Vec::new()),
+            |(weights, scratch, window, images), (row, light)| {
                 let strip = Rect::new((row * self.blocks.block) as i64, 0, light.len() / columns, columns);
                 for block in strip.tiles(self.blocks.block, self.blocks.block) {
                     let reach = Rect::new(block.y, block.x, block.height + 2 * half, block.width + 2 * half);
@@ -51,14 +44,21 @@ impl<V: Lanes> Engine<V> {
                         let to = (y - reach.y) as usize * reach_stride + (common.x - reach.x) as usize;
                         window[to..][..common.width].copy_from_slice(&result[from..][..common.width]);
                     }
-                    let stride = block.width.next_multiple_of(MAX_LANES);
-                    out.clear();
-                    out.resize(stride * block.height, 0.0);
                     let place = place(frame, &bins, block);
+                    let size = harmonics::image_size(&place);
+                    let (weights, spectra) = self.weigh(level, &place, weights);
+                    images.clear();
+                    images.resize(weights.len(), 0.0);
                     let film = (&window[..], reach_stride);
-                    self.columns.gather(film, &place, &grid, spectra, (out, stride), scratch);
-                    for (to, from) in light.chunks_exact_mut(columns).zip(out.chunks_exact(stride)) {
-                        to[block.x as usize..][..block.width].copy_from_slice(&from[..block.width]);
+                    self.columns.correlate_images(film, spectra, (images, size), scratch);
+                    for (image, weights) in
+                        images.chunks_exact(size.values()).zip(weights.chunks_exact(size.values()))
+                    {
+                        let lines = image.chunks_exact(size.stride).zip(weights.chunks_exact(size.stride));
+                        for (to, (image, weights)) in light.chunks_exact_mut(columns).zip(lines) {
+                            let to = &mut to[block.x as usize..][..block.width];
+                            to.iter_mut().zip(image).zip(weights).for_each(|((to, v), w)| *to += v * w);
+                        }
                     }
                 }
                 Ok(())

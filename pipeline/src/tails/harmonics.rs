@@ -1,0 +1,153 @@
+//! The harmonics of a band's tails: kernels that are the same in the whole field, and how the light of each place is shared out among them.
+//!
+//! The tail of a source s, at the azimuth θ_s of the field, at a place in the direction φ from it:
+//!
+//! ```text
+//! T_l = Σ_mj c_mj(h_s) [cos mθ_s C_mj + sin mθ_s S_mj] 4^{(2 − q)(l − 1)}         C_mj, S_mj: b² [B_mj(r; R_l) − B_mj(r; R_{l+1})] times cos mφ, sin mφ at the
+//!                                                                                bins of level 1; level 0 has its own and no factor
+//! Σ_s L(s) T_l = Σ_mj [(L c_mj cos mθ) ∗ C_mj + (L c_mj sin mθ) ∗ S_mj]
+//! ```
+//! as cos m(φ − θ) = cos mφ cos mθ + sin mφ sin mθ: 18 images for ORDERS = 5 and TERMS = 2, however many heights and azimuths a block has. c is linear between the heights of the band's
+//! PSFs, as the near kernels are. Kernels are divided by their largest value, with which weights are multiplied. Of a block, kernels are left out whose weights nowhere exceed
+//! [`NEGLIGIBLE`] of the largest weight of C_00.
+
+use super::plan::TailPlan;
+use crate::lens::tail::{Coefficients, ORDERS, TERMS};
+use crate::psf::polar::BlockPlace;
+use crate::psf::simd::images::ImageSize;
+use crate::simd::lanes::MAX_LANES;
+
+/// Kernels of a level.
+pub(super) const KERNELS: usize = TERMS * (2 * ORDERS - 1);
+/// Weight of a kernel, as a share of that of C_00, up to which it is left out of a block.
+const NEGLIGIBLE: f64 = 2e-5;
+
+/// A kernel: C_mj, or S_mj if it is `odd`.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub(super) struct Kernel {
+    pub(super) m: usize,
+    pub(super) j: usize,
+    pub(super) odd: bool,
+}
+
+/// All kernels: C_00 first.
+pub(super) fn kernels() -> impl Iterator<Item = Kernel> {
+    let of_order = |m: usize| {
+        let parities = if m == 0 { &[false][..] } else { &[false, true] };
+        parities.iter().flat_map(move |odd| (0..TERMS).map(move |j| Kernel { m, j, odd: *odd }))
+    };
+    (0..ORDERS).flat_map(of_order)
+}
+
+/// The images of all kernels on the bins of `level`, 0 or 1, and the largest value that each was divided by.
+pub(super) fn images(plan: &TailPlan, level: usize) -> Vec<(Vec<f32>, f64)> {
+    let half = plan.half() as i64;
+    let image = |Kernel { m, j, odd }: Kernel| {
+        let places = (-half..=half).flat_map(|y| (-half..=half).map(move |x| (y, x)));
+        let of_place = |place| {
+            let (even_part, odd_part) = plan.kernel_at(level, place, m, j);
+            if odd { odd_part } else { even_part }
+        };
+        let mut image: Vec<f64> = places.map(of_place).collect();
+        // A harmonic has no light; its sum over square bins has, of m = 4.
+        if m > 0 {
+            let centre = image.len() / 2;
+            image[centre] -= image.iter().sum::<f64>();
+        }
+        let peak = image.iter().fold(0.0_f64, |peak, v| peak.max(v.abs()));
+        (image.into_iter().map(|v| (v / peak) as f32).collect(), peak)
+    };
+    kernels().map(image).collect()
+}
+
+/// The weights of a block: one image of each kernel that is not left out.
+#[derive(Default)]
+pub(super) struct BlockWeights {
+    /// Indices of the kernels, ascending.
+    pub(super) kernels: Vec<usize>,
+    /// Their images one after the other.
+    pub(super) values: Vec<f32>,
+}
+
+impl BlockWeights {
+    /// The weights of the bins at `place` of `level`, whose kernels have the `peaks`.
+    pub(super) fn of_block(
+        &mut self,
+        plan: &TailPlan,
+        (level, peaks): (usize, &[f64]),
+        place: &BlockPlace,
+    ) -> ImageSize {
+        let size = image_size(place);
+        let values = size.values();
+        self.values.clear();
+        self.values.resize(KERNELS * values, 0.0);
+        let factors: Vec<f64> = std::iter::zip(kernels(), peaks)
+            .map(|(kernel, peak)| peak * TailPlan::factor(level, kernel.j))
+            .collect();
+        let mut largest = [0.0_f64; KERNELS];
+        let mut at = [0.0; KERNELS];
+        for row in 0..size.rows {
+            for col in 0..size.cols {
+                let (y, x) = (place.dy_px + row as f64, place.dx_px + col as f64);
+                weights(plan, level, (y, x), &mut at);
+                let to = self.values[row * size.stride + col..].iter_mut().step_by(values);
+                for (((to, weight), factor), largest) in to.zip(&at).zip(&factors).zip(&mut largest) {
+                    let weight = weight * factor;
+                    *to = weight as f32;
+                    *largest = largest.max(weight.abs());
+                }
+            }
+        }
+        self.kernels.clear();
+        self.kernels.extend((0..KERNELS).filter(|k| largest[*k] > NEGLIGIBLE * largest[0]));
+        for (to, from) in self.kernels.iter().enumerate().filter(|(to, from)| to != *from) {
+            self.values.copy_within(from * values..(from + 1) * values, to * values);
+        }
+        self.values.truncate(self.kernels.len() * values);
+        size
+    }
+}
+
+/// Images of the block at `place`.
+pub(super) fn image_size(place: &BlockPlace) -> ImageSize {
+    ImageSize { rows: place.rows, cols: place.cols, stride: place.cols.next_multiple_of(MAX_LANES) }
+}
+
+/// c_mj cos mθ and c_mj sin mθ at (y, x) bins of `level` from the axis, in the order of [`kernels`].
+fn weights(plan: &TailPlan, level: usize, (y, x): (f64, f64), out: &mut [f64; KERNELS]) {
+    let r = (y * y + x * x).sqrt();
+    let (sin, cos) = if r > 0.0 { (y / r, x / r) } else { (0.0, 1.0) };
+    let (a, b, t) = plan.around(level, r);
+    let c = |m: usize, j: usize| a[m][j] + t * (b[m][j] - a[m][j]);
+    // (cos + i sin)^m
+    let (mut re, mut im) = (1.0, 0.0);
+    let mut out = out.iter_mut();
+    let mut put = |weight: f64| *out.next().expect("as many as kernels") = weight;
+    for m in 0..ORDERS {
+        let c: [f64; TERMS] = std::array::from_fn(|j| c(m, j));
+        c.iter().for_each(|c| put(c * re));
+        if m > 0 {
+            c.iter().for_each(|c| put(c * im));
+        }
+        (re, im) = (re * cos - im * sin, re * sin + im * cos);
+    }
+}
+
+/// Coefficients without harmonics: those on the axis, where no azimuth is distinguished.
+pub(super) fn on_axis(c: Coefficients) -> Coefficients {
+    std::array::from_fn(|m| if m == 0 { c[0] } else { [0.0; TERMS] })
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn there_are_as_many_kernels_as_images_and_the_first_is_that_of_the_mean() {
+        let all: Vec<Kernel> = kernels().collect();
+        assert_eq!(all.len(), KERNELS);
+        assert_eq!(all[0], Kernel { m: 0, j: 0, odd: false });
+        assert!(all.iter().enumerate().all(|(i, k)| all[..i].iter().all(|other| other != k)));
+        assert!(all.iter().all(|k| k.m > 0 || !k.odd));
+    }
+}
