@@ -32,7 +32,7 @@
 //!
 //! After the film: [`sensor`] exposes a camera's sensor to it, [`develop`] makes a picture of the raw.
 //!
-//! From a film to a chart: [`adjoint`], the exact transpose of the film of one flat chart.
+//! From a film to a chart: [`adjoint`], the exact transpose of the film of one flat chart; [`restore`] solves for the chart with both.
 //!
 //! Other modules: [`design`] makes the tables and PSFs of a lens from its prescription by ray tracing, in layers (prescription, rays, pupil,
 //! figures, PSF, tables); lens files are read by the package `formats`. [`chart`] draws test charts
@@ -114,6 +114,7 @@ pub mod reduced_chart;
 pub mod reflectance;
 pub mod remap;
 pub mod resample;
+pub mod restore;
 pub mod scene;
 pub mod sensor;
 pub mod simd;
