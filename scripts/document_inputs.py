@@ -227,6 +227,7 @@ PAGES = {
     "films.md": ["chart.zarr"],
     "lenses.md": ["MY.zmx", "TILTED.zmx", "chart.zarr", "tables"],
     "light.md": ["chart.zarr"],
+    "restoration.md": ["film.zarr"],
     "scenes.md": ["room.glb"],
     "tolerances.md": ["chart.zarr", "tol.toml", "MY.zmx"],
 }

@@ -27,6 +27,7 @@ mod manual;
 mod measure;
 mod placement;
 mod pyramid;
+mod restore;
 mod run;
 mod scene;
 mod sensor;
@@ -69,6 +70,7 @@ pub use manual::{CompletionsArgs, HelpArgs, ManArgs};
 pub use measure::MeasureArgs;
 pub use placement::{FitArg, PlacementArgs};
 pub use pyramid::{PyramidArgs, ViewArgs};
+pub use restore::{RestoreArgs, RestoreMethod};
 pub use run::{FilmUnits, ProcessArgs, RunArgs};
 #[cfg(feature = "mesh")]
 pub use scene::{BackgroundArg, LightsArg, MeshUnit, MissingTextures, ReachArg, SolidsArg, UpAxisArg};
@@ -133,6 +135,8 @@ pub enum Command {
     Compare(Box<CompareArgs>),
     /// Make a data set of films, raws or pictures by a recipe: many pictures, lenses, places, exposures, with labels
     Dataset(Box<DatasetArgs>),
+    /// Restore the chart of a film: PSFs of every place of the field, distortion and relative illumination undone
+    Restore(Box<RestoreArgs>),
     /// Divide a job into units for many processes, on one machine or on a cluster
     Plan(Box<PlanArgs>),
     /// Report the progress of a film, raw or scene

@@ -17,6 +17,7 @@ mod measure;
 mod paths;
 mod plan;
 mod pyramid;
+mod restore;
 mod run;
 #[cfg(feature = "mesh")]
 mod scene;
@@ -47,6 +48,7 @@ pub fn run(command: &Command, matches: &ArgMatches) -> anyhow::Result<u8> {
         Command::Shoot(args) => shoot::command(args),
         Command::Compare(args) => compare::command(args),
         Command::Dataset(args) => dataset::command(args),
+        Command::Restore(args) => restore::command(args),
         Command::Plan(args) => plan::command(args, matches),
         Command::Status(args) => status::command(args),
         Command::Verify(args) => verify::command(args),

@@ -73,6 +73,11 @@ fn of_command(command: &Command) -> Result<Guard> {
             .writes_in("--out", &args.out, compare::FILES),
         // The files that the recipe names are compared with OUT when it has been read.
         Command::Dataset(args) => guard.reads_text("recipe", &args.recipe).writes("OUT", &args.out),
+        // The lens that the film names is compared with OUT when the film has been opened.
+        Command::Restore(args) => {
+            let guard = guard.reads("film", &args.film).writes("OUT", &args.out);
+            args.lens.iter().fold(guard, |guard, lens| guard.reads_lens(lens))
+        }
         Command::Plan(args) => of_plan(args),
         Command::Export(args) => {
             let guard = guard.reads_chart("film", &args.film);

@@ -38,12 +38,13 @@ impl ArrayChart {
         self.values.max_magnitude = max;
     }
 
-    /// The chart with `pixels`, (array, wavelength, y, x) of as many arrays as there are: band b of array i is read as band i·bands + b.
+    /// The chart with `pixels`, (array, wavelength, y, x) of as many arrays as there are: band b of array i is read as band i·bands + b. Single bands may be
+    /// given in their place, which are read by their index.
     ///
     /// # Panics
-    /// `pixels` is not a whole number of arrays.
+    /// `pixels` is not a whole number of bands.
     pub fn with_pixels<'a>(&'a self, pixels: &'a [f32]) -> ArrayPixels<'a> {
-        assert_eq!(pixels.len() % (self.wavelengths_nm.len() * self.size.pixels()), 0, "whole arrays");
+        assert_eq!(pixels.len() % self.size.pixels(), 0, "whole bands");
         ArrayPixels { chart: self, pixels }
     }
 }

@@ -8,7 +8,7 @@ use crate::job::tails::TAILS;
 use anyhow::{Result, anyhow};
 use formats::chart::{ArrayChart, ArrayPixels, Chart};
 use pipeline::adjoint::{AdjointError, Kept, chart_of_film};
-use pipeline::band::BandStages;
+use pipeline::band::{BandPlan, BandStages};
 use pipeline::buffer::ShardPixels;
 use pipeline::executor::{BandWork, Work, run};
 use pipeline::flow::{FilmSink, SourceSinkError};
@@ -96,15 +96,46 @@ impl ArrayFilm {
     /// # Panics
     /// The lengths are not those of as many arrays and films.
     pub fn compute(&self, arrays: &[f32], films: &mut [f32], cancel: &AtomicBool) -> Result<()> {
-        let count = self.count(arrays.len(), films.len());
+        let bands = self.job.plans.len();
+        let count = self.count((arrays.len(), films.len()), bands);
+        let all: Vec<usize> = (0..count * bands).map(|position| position % bands).collect();
+        self.compute_bands(&all, true, arrays, films, cancel)
+    }
+
+    /// Computes the film of one array of band `band`, without light beside the image: of the PSFs the part in their windows.
+    ///
+    /// # Errors
+    /// As [`ArrayFilm::compute`].
+    ///
+    /// # Panics
+    /// As there.
+    pub fn compute_in_windows(
+        &self,
+        band: usize,
+        array: &[f32],
+        film: &mut [f32],
+        cancel: &AtomicBool,
+    ) -> Result<()> {
+        assert_eq!(self.count((array.len(), film.len()), 1), 1, "one array");
+        self.compute_bands(&[band], false, array, film, cancel)
+    }
+
+    /// The films of arrays of `bands`, with their layers or without.
+    fn compute_bands(
+        &self,
+        bands: &[usize],
+        with_layers: bool,
+        arrays: &[f32],
+        films: &mut [f32],
+        cancel: &AtomicBool,
+    ) -> Result<()> {
         let job = &self.job;
-        let bands = job.plans.len();
         let chart: ArrayPixels<'_> = self.chart().with_pixels(arrays);
         let (rows, columns) = self.region().count();
         // A position is a band of an array.
         let band = |position: usize| BandWork {
             chart_band: position,
-            tiling: job.plans[position % bands].tiling,
+            tiling: job.plans[bands[position]].tiling,
             shards: (0..rows * columns)
                 .map(|i| ShardId { position, region: 0, row: i / columns, col: i % columns })
                 .collect(),
@@ -112,15 +143,18 @@ impl ArrayFilm {
         let work = Work {
             film: job.frame.film,
             regions: &job.regions,
-            bands: (0..count * bands).map(band).collect(),
+            bands: (0..bands.len()).map(band).collect(),
             threads: job.threads,
             max_encoded_shards: job.memory.encoded_shards,
             gpus: &[],
             cancel,
         };
         let prepare = |position: usize| {
-            let band = position % bands;
-            let layers = layers_of_array(job, band, (&chart, position), self.tails[band].as_deref(), cancel)?;
+            let band = bands[position];
+            let layers = match with_layers {
+                true => layers_of_array(job, band, (&chart, position), self.tails[band].as_deref(), cancel)?,
+                false => Vec::new(),
+            };
             Ok(BandStages { layers, ..self.stages[band].clone() })
         };
         let compute = StageCompute::with_spectra(job.frame, Arc::clone(self.shared.spectra()), &prepare);
@@ -137,30 +171,69 @@ impl ArrayFilm {
     /// # Panics
     /// As there.
     pub fn adjoint(&self, films: &[f32], arrays: &mut [f32], cancel: &AtomicBool) -> Result<()> {
-        let count = self.count(arrays.len(), films.len());
-        let job = &self.job;
-        if let Some(layer) = job.layers.iter().find(|layer| layer.stored().name != TAILS) {
+        let bands = self.job.plans.len();
+        let count = self.count((arrays.len(), films.len()), bands);
+        if let Some(layer) = self.job.layers.iter().find(|layer| layer.stored().name != TAILS) {
             return Err(usage(format!(
                 "adjoint: the layer `{}` has no transpose; leave out scatter, veiling glare and ghosts",
                 layer.stored().name
             )));
         }
+        let all: Vec<usize> = (0..count * bands).map(|position| position % bands).collect();
+        self.adjoint_of_bands(&all, true, films, arrays, cancel)
+    }
+
+    /// The transpose of [`ArrayFilm::compute_in_windows`].
+    ///
+    /// # Errors
+    /// A value that is not finite; cancelled (exit code 130).
+    ///
+    /// # Panics
+    /// As there.
+    pub fn adjoint_in_windows(
+        &self,
+        band: usize,
+        film: &[f32],
+        array: &mut [f32],
+        cancel: &AtomicBool,
+    ) -> Result<()> {
+        assert_eq!(self.count((array.len(), film.len()), 1), 1, "one array");
+        self.adjoint_of_bands(&[band], false, film, array, cancel)
+    }
+
+    /// The transposes of films of `bands`, with their tails or without.
+    fn adjoint_of_bands(
+        &self,
+        bands: &[usize],
+        with_tails: bool,
+        films: &[f32],
+        arrays: &mut [f32],
+        cancel: &AtomicBool,
+    ) -> Result<()> {
+        let job = &self.job;
         if let Some(at) = films.iter().position(|value| !value.is_finite()) {
             return Err(anyhow!(
                 "adjoint: {} at value {at} of the films, expected finite numbers",
                 films[at]
             ));
         }
-        let (bands, region) = (job.plans.len(), self.region().rect);
+        let region = self.region().rect;
         let mut whole = vec![0.0; job.frame.film.pixels()];
         let of_film = films.chunks_exact(region.size().pixels());
         let of_array = arrays.chunks_exact_mut(job.frame.chart.pixels());
-        for (position, (film, array)) in of_film.zip(of_array).enumerate().take(count * bands) {
-            let (plan, stages) = (&job.plans[position % bands], &self.stages[position % bands]);
+        for ((film, array), &band) in of_film.zip(of_array).zip(bands) {
             let film = in_whole(film, region, job.frame.film, &mut whole);
-            let tails = self.tails[position % bands].as_deref();
-            let kept = Kept { spectra: self.shared.spectra(), tails };
-            match chart_of_film(&job.frame, plan, stages, kept, film, array, job.threads, cancel) {
+            let without;
+            let plan = match with_tails || job.plans[band].tail.is_none() {
+                true => &job.plans[band],
+                false => {
+                    without = BandPlan { tail: None, ..job.plans[band].clone() };
+                    &without
+                }
+            };
+            let kept = Kept { spectra: self.shared.spectra(), tails: self.tails[band].as_deref() };
+            match chart_of_film(&job.frame, plan, &self.stages[band], kept, film, array, job.threads, cancel)
+            {
                 Err(AdjointError::Stopped) => return Err(interrupted()),
                 done => done?,
             }
@@ -168,9 +241,22 @@ impl ArrayFilm {
         Ok(())
     }
 
-    /// Number of arrays of `in_arrays` values, and of films of `in_films`.
-    fn count(&self, in_arrays: usize, in_films: usize) -> usize {
-        let of = |shape: [usize; 3]| shape.iter().product::<usize>();
+    /// Film value per chart value on the axis, of band `band`.
+    pub fn gain(&self, band: usize) -> f64 {
+        self.job.gains[band]
+    }
+
+    /// Digest of the lens, of all its bands.
+    ///
+    /// # Errors
+    /// The pack cannot be read.
+    pub fn lens_digest(&self) -> Result<&str> {
+        Ok(self.job.lens.digest()?)
+    }
+
+    /// Number of arrays of `in_arrays` values, and of films of `in_films`, of `bands` bands each.
+    fn count(&self, (in_arrays, in_films): (usize, usize), bands: usize) -> usize {
+        let of = |[_, height, width]: [usize; 3]| bands * height * width;
         let (of_array, of_film) = (of(self.chart_shape()), of(self.shape()));
         let count = in_arrays / of_array;
         assert_eq!((in_arrays, in_films), (count * of_array, count * of_film), "whole arrays and films");
