@@ -200,11 +200,16 @@ impl TailPlan {
         4 * finest * GROWTH.pow(2) / (GROWTH.pow(2) - 1)
     }
 
+    /// Bytes of [`TailKernels`](super::TailKernels): spectra of levels 0 and 1.
+    pub fn kernel_bytes(&self) -> usize {
+        self.levels.min(2) * KERNELS * self.blocks().spectrum_bytes()
+    }
+
     /// Bytes while the layer is computed from the light on `threads` threads, its result included.
     pub(super) fn making_bytes(&self, threads: usize) -> usize {
         let (blocks, half, size) = (self.blocks(), self.half(), self.bins(0).size());
-        // Of levels 0 and 1; and images of each thread.
-        let spectra = 2 * KERNELS * blocks.spectrum_bytes();
+        // Images of each thread.
+        let spectra = self.kernel_bytes();
         let images = 2 * KERNELS * threads * 4 * blocks.block * row_stride(blocks.block, 0);
         // The result of a level, the sum of blocks, and what the threads add to it.
         let rows = |rows: usize| (rows + 2 * half) * row_stride(size.width, half);

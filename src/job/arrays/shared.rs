@@ -102,9 +102,14 @@ impl SharedStages {
         &self.spectra
     }
 
-    /// The kernels of the tails of the bands of `job`.
+    /// The kernels of the tails of the bands of `job`; none where they would take more than their part of the memory: they are then made anew for each film.
     pub fn tails(&self, job: &Job) -> Vec<Option<Arc<TailKernels>>> {
         let (film, scale) = (job.frame.film, job.frame.scale);
+        let plans = job.plans.iter().filter_map(|plan| plan.tail.as_ref());
+        let bytes = plans.map(|tail| tail.kernel_bytes() as u64).sum::<u64>() * MAX_SIZES as u64;
+        if bytes > job.memory.limit as u64 / KERNEL_PART {
+            return vec![None; job.plans.len()];
+        }
         let mut known = self.tails.lock().expect("no panic while held");
         if let Some(tails) = known.iter().find(|tails| tails.film == film && tails.scale == scale) {
             return tails.bands.clone();
