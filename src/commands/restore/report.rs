@@ -10,6 +10,9 @@ use anyhow::Result;
 use pipeline::geometry::Rect;
 use serde_json::{Value, json};
 
+/// Mean square residual, of the noise's, from which there is a note.
+const MAX_RESIDUAL: f64 = 1.3;
+
 /// The attribute `restored` of the chart.
 pub fn attributes(args: &RestoreArgs, film: &Recorded, roi: Rect, settings: &[Settings]) -> Value {
     json!({
@@ -61,6 +64,9 @@ pub fn print_done(
     } else {
         settings.iter().for_each(|s| print_band(film, s));
     }
+    for settings in settings.iter().filter(|s| args.iterations.is_none() && s.residual > MAX_RESIDUAL) {
+        log_line(note_on_residual(film, settings));
+    }
     if counts.unconverged > 0 {
         log_line(format!(
             "note: {} of {} ended before the solver's tolerance was reached",
@@ -77,6 +83,17 @@ pub fn print_done(
         plural(counts.max_iterations, "iteration"),
     ));
     Ok(())
+}
+
+/// That a film does not agree with any chart within its noise.
+fn note_on_residual(film: &Recorded, settings: &Settings) -> String {
+    let times = settings.residual.sqrt();
+    format!(
+        "note: at {} nm the film of the restored chart differs from the film by {times:.1} times the noise, so that the picture has more noise and rings than it need have: the film's noise is \
+         larger, or the film has what this lens does not make; --noise {:.1e} restores what agrees within that",
+        number(film.spec().wavelengths_nm[settings.solver.band]),
+        times * settings.noise
+    )
 }
 
 fn print_band(film: &Recorded, settings: &Settings) {
