@@ -370,8 +370,9 @@ impl BandTracer<'_> {
             return Err(failure.into());
         }
         if !self.is_announced {
-            self.announce();
+            // A lens that cannot be traced so far is not announced.
             note_focus(&self.job, options)?;
+            self.announce();
         }
         self.traced += 1;
         let (bar, threads, shared) = (&self.bar, self.threads, &mut self.shared);
