@@ -142,6 +142,26 @@ fn the_film_of_a_design_is_restored_with_the_lens_that_it_records() {
     let before = rms(&film, &chart, ["film", "chart"], 8);
     let after = rms(&folder.at("out.zarr"), &chart, ["chart", "chart"], 8);
     assert!(after < 0.4 * before, "film {before}, restored {after}");
+    // The noise gain does not depend on the film's unit.
+    let irradiance = folder.at("irradiance.zarr");
+    run(
+        text(&chart),
+        &irradiance,
+        "phone",
+        &["--axis=-400,-300", "--center=0.895,0.695", "--film-units=irradiance"],
+    )
+    .ok();
+    let per_value = pixels(&irradiance, "film").1[0][0] / pixels(&film, "film").1[0][0];
+    let gain = |name: &str, out: &str, noise: f32| -> f64 {
+        let flags = ["--noise", &noise.to_string(), "--bands=550", "--json"];
+        let report: Value = serde_json::from_str(&folder.restore(name, out, &flags).ok().stdout).unwrap();
+        report["bands"][0]["center"]["noise_gain"].as_f64().unwrap()
+    };
+    let gains = [gain("phone.zarr", "a.zarr", 2e-5), gain("irradiance.zarr", "b.zarr", 2e-5 * per_value)];
+    assert!(
+        (gains[1] / gains[0] - 1.0).abs() < 0.01 && !(0.8..1.2).contains(&per_value),
+        "{gains:?} {per_value}"
+    );
     // A band alone has the pixels that it has among others.
     folder.restore("phone.zarr", "one.zarr", &["--noise", "2e-6", "--bands", "550"]).ok();
     let [(_, all), (_, one)] = ["out.zarr", "one.zarr"].map(|name| pixels(&folder.at(name), "chart"));

@@ -45,7 +45,7 @@ const NOISE_SEED: u64 = 1;
 pub struct Figures {
     /// `center` or `corner`.
     pub name: &'static str,
-    /// RMS of what restoration makes of the noise, chart values, over that of the film.
+    /// RMS of what restoration makes of the noise over that of the film, each of the signal of a uniform chart on the axis.
     pub noise_gain: f64,
     /// Of the film.
     pub film: Response,
@@ -197,7 +197,7 @@ impl Settings {
         let restored_noise = self.difference(sample, &noise, self.noise)?;
         let mean = restored_noise.iter().sum::<f64>() / restored_noise.len() as f64;
         let square = restored_noise.iter().map(|v| (v - mean).powi(2)).sum::<f64>();
-        let noise_gain = (square / restored_noise.len() as f64).sqrt() / self.noise;
+        let noise_gain = (square / restored_noise.len() as f64).sqrt() / self.noise * sample.tile.map.gain();
         // A point of the picture in the middle of the core.
         let (y, x) =
             (sample.core.y + sample.core.height as i64 / 2, sample.core.x + sample.core.width as i64 / 2);
