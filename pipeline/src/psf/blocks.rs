@@ -59,12 +59,7 @@ impl Blocks {
         if window == 1 {
             return Self { window, fft: 0, block: TILE_SIDE, tile: TILE_SIDE };
         }
-        let cost = |side: &&(usize, f64, f64)| cost_ns(window, grid, side);
-        let wide_enough = FFT_SIDES.iter().filter(|(fft, ..)| *fft >= 2 * window);
-        let cheapest = wide_enough.min_by(|a, b| cost(a).total_cmp(&cost(b)));
-        let fft = cheapest.expect("BandPlan::new checks the window").0;
-        let block = fft - window + 1;
-        Self { window, fft, block, tile: block * (TILE_SIDE / block).max(1) }
+        Self::cheapest(window, |side| cost_ns(window, grid, side))
     }
 
     /// The partition of least cost for sums of `images` images, each with its kernel of `window` pixels, of blocks of all of `areas`.
@@ -78,11 +73,16 @@ impl Blocks {
                 areas.iter().map(|area| area.height.div_ceil(block) * area.width.div_ceil(block)).sum();
             (blocks * fft * fft) as f64 * (images as f64 * image + once)
         };
+        Self::cheapest(window, cost)
+    }
+
+    /// The partition for kernels of `window` pixels with the FFT size, of those that are wide enough, of least `cost`.
+    fn cheapest(window: usize, cost: impl Fn(&(usize, f64, f64)) -> f64) -> Self {
         let wide_enough = FFT_SIDES.iter().filter(|(fft, ..)| *fft >= 2 * window);
         let cheapest = wide_enough.min_by(|a, b| cost(a).total_cmp(&cost(b)));
-        let fft = cheapest.expect("a window up to the widest").0;
+        let fft = cheapest.expect("BandPlan::new checks the window").0;
         let block = fft - window + 1;
-        Self { window, fft, block, tile: block }
+        Self { window, fft, block, tile: block * (TILE_SIDE / block).max(1) }
     }
 
     /// Mean cost of a remapped pixel on one core over the disc of `grid`'s heights, or its rectangle, ns, spectra included.

@@ -14,6 +14,7 @@ use crate::parts::for_each_part;
 use crate::psf::blocks::Blocks;
 use crate::psf::polar::BlockPlace;
 use crate::psf::simd::Columns;
+use crate::psf::simd::images::ImageSize;
 use crate::simd::lanes::{Lanes, MAX_LANES};
 #[cfg(target_arch = "x86_64")]
 use crate::simd::{Avx2, Avx512, Unfused};
@@ -67,24 +68,27 @@ impl<V: Lanes> Engine<V> {
         let mut scratch = columns.scratch();
         let mut of_level = |level: usize| {
             let (images, peaks): (Vec<_>, Vec<_>) = harmonics::images(plan, level).into_iter().unzip();
-            let spectrum = |image: &Vec<f32>| columns.spectrum(image, &mut scratch, AlignedBuf::default());
-            LevelKernels { spectra: images.iter().map(spectrum).collect(), peaks }
+            let spectrum = |image: Vec<f64>| {
+                let image: Vec<f32> = image.into_iter().map(|v| v as f32).collect();
+                columns.spectrum(&image, &mut scratch, AlignedBuf::default())
+            };
+            LevelKernels { spectra: images.into_iter().map(spectrum).collect(), peaks }
         };
         let of_levels = (0..plan.levels.min(2)).map(&mut of_level).collect();
         Self { plan: plan.clone(), blocks, columns, of_levels }
     }
 
-    /// The weights of the bins at `place` of `level` in `weights`, and the spectra of their kernels.
+    /// The weights of the bins at `place` of `level` in `weights`, their size, and the spectra of their kernels.
     pub(super) fn weigh<'a>(
         &'a self,
         level: usize,
         place: &BlockPlace,
         weights: &'a mut BlockWeights,
-    ) -> (&'a mut [f32], impl Iterator<Item = &'a AlignedBuf>) {
+    ) -> (&'a mut [f32], ImageSize, impl Iterator<Item = &'a AlignedBuf>) {
         let kernels = &self.of_levels[level.min(1)];
-        weights.of_block(&self.plan, (level, &kernels.peaks), place);
+        let size = weights.of_block(&self.plan, (level, &kernels.peaks), place);
         let BlockWeights { kernels: of_block, values } = weights;
-        (values, of_block.iter().map(|k| &kernels.spectra[*k]))
+        (values, size, of_block.iter().map(|k| &kernels.spectra[*k]))
     }
 
     /// T_l ∗ `light` on the film's bins of `level` and [`OUT_MARGIN`] around.
@@ -112,8 +116,7 @@ impl<V: Lanes> Engine<V> {
                         continue;
                     }
                     let place = place(frame, &bins, block);
-                    let size = harmonics::image_size(&place);
-                    let (images, spectra) = self.weigh(level, &place, weights);
+                    let (images, size, spectra) = self.weigh(level, &place, weights);
                     for image in images.chunks_exact_mut(size.values()) {
                         for (image, light) in image.chunks_exact_mut(size.stride).zip(lines()) {
                             image.iter_mut().zip(light).for_each(|(to, v)| *to *= v);

@@ -40,22 +40,25 @@ pub(super) fn kernels() -> impl Iterator<Item = Kernel> {
 }
 
 /// The images of all kernels on the bins of `level`, 0 or 1, and the largest value that each was divided by.
-pub(super) fn images(plan: &TailPlan, level: usize) -> Vec<(Vec<f32>, f64)> {
+pub(super) fn images(plan: &TailPlan, level: usize) -> Vec<(Vec<f64>, f64)> {
     let half = plan.half() as i64;
-    let image = |Kernel { m, j, odd }: Kernel| {
+    let parts = |m: usize, j: usize| -> [Vec<f64>; 2] {
         let places = (-half..=half).flat_map(|y| (-half..=half).map(move |x| (y, x)));
-        let of_place = |place| {
-            let (even_part, odd_part) = plan.kernel_at(level, place, m, j);
-            if odd { odd_part } else { even_part }
-        };
-        let mut image: Vec<f64> = places.map(of_place).collect();
+        let (even, odd) = places.map(|place| plan.kernel_at(level, place, m, j)).unzip();
+        [even, odd]
+    };
+    // Both parts of C_mj and S_mj at once.
+    let mut parts: [[_; TERMS]; ORDERS] = std::array::from_fn(|m| std::array::from_fn(|j| parts(m, j)));
+    let image = |Kernel { m, j, odd }: Kernel| {
+        let mut image = std::mem::take(&mut parts[m][j][usize::from(odd)]);
         // A harmonic has no light; its sum over square bins has, of m = 4.
         if m > 0 {
             let centre = image.len() / 2;
             image[centre] -= image.iter().sum::<f64>();
         }
         let peak = image.iter().fold(0.0_f64, |peak, v| peak.max(v.abs()));
-        (image.into_iter().map(|v| (v / peak) as f32).collect(), peak)
+        image.iter_mut().for_each(|v| *v /= peak);
+        (image, peak)
     };
     kernels().map(image).collect()
 }
@@ -70,15 +73,16 @@ pub(super) struct BlockWeights {
 }
 
 impl BlockWeights {
-    /// The weights of the bins at `place` of `level`, whose kernels have the `peaks`.
+    /// The weights of the bins at `place` of `level`, whose kernels have the `peaks`; their size.
     pub(super) fn of_block(
         &mut self,
         plan: &TailPlan,
         (level, peaks): (usize, &[f64]),
         place: &BlockPlace,
     ) -> ImageSize {
-        let size = image_size(place);
-        let values = size.values();
+        let stride = place.cols.next_multiple_of(MAX_LANES);
+        let size = ImageSize { rows: place.rows, cols: place.cols, stride };
+        let (values, bin_px) = (size.values(), plan.bins(level).bin_px as f64);
         self.values.clear();
         self.values.resize(KERNELS * values, 0.0);
         let factors: Vec<f64> = std::iter::zip(kernels(), peaks)
@@ -89,7 +93,7 @@ impl BlockWeights {
         for row in 0..size.rows {
             for col in 0..size.cols {
                 let (y, x) = (place.dy_px + row as f64, place.dx_px + col as f64);
-                weights(plan, level, (y, x), &mut at);
+                weights(plan, bin_px, (y, x), &mut at);
                 let to = self.values[row * size.stride + col..].iter_mut().step_by(values);
                 for (((to, weight), factor), largest) in to.zip(&at).zip(&factors).zip(&mut largest) {
                     let weight = weight * factor;
@@ -108,16 +112,11 @@ impl BlockWeights {
     }
 }
 
-/// Images of the block at `place`.
-pub(super) fn image_size(place: &BlockPlace) -> ImageSize {
-    ImageSize { rows: place.rows, cols: place.cols, stride: place.cols.next_multiple_of(MAX_LANES) }
-}
-
-/// c_mj cos mθ and c_mj sin mθ at (y, x) bins of `level` from the axis, in the order of [`kernels`].
-fn weights(plan: &TailPlan, level: usize, (y, x): (f64, f64), out: &mut [f64; KERNELS]) {
+/// c_mj cos mθ and c_mj sin mθ at (y, x) bins of `bin_px` film pixels from the axis, in the order of [`kernels`].
+fn weights(plan: &TailPlan, bin_px: f64, (y, x): (f64, f64), out: &mut [f64; KERNELS]) {
     let r = (y * y + x * x).sqrt();
     let (sin, cos) = if r > 0.0 { (y / r, x / r) } else { (0.0, 1.0) };
-    let (a, b, t) = plan.around(level, r);
+    let (a, b, t) = plan.around(r * bin_px);
     let c = |m: usize, j: usize| a[m][j] + t * (b[m][j] - a[m][j]);
     // (cos + i sin)^m
     let (mut re, mut im) = (1.0, 0.0);

@@ -104,9 +104,9 @@ impl TailPlan {
         BinGrid::new(self.film, self.bin_px * GROWTH.pow(level as u32), self.half() + OUT_MARGIN)
     }
 
-    /// Coefficients at the heights about `r` bins of `level` from the axis, and the share of the second.
-    pub(super) fn around(&self, level: usize, r: f64) -> (&Coefficients, &Coefficients, f64) {
-        let (h, c, r_px) = (&self.height_px, &self.coefficients, r * self.bins(level).bin_px as f64);
+    /// Coefficients at the heights about `r_px` film pixels from the axis, and the share of the second.
+    pub(super) fn around(&self, r_px: f64) -> (&Coefficients, &Coefficients, f64) {
+        let (h, c) = (&self.height_px, &self.coefficients);
         let last = h.len() - 1;
         if r_px >= h[last] {
             return (&c[last], &c[last], 0.0);

@@ -1,7 +1,7 @@
 //! The transposes of the convolutions of the levels: correlations with the same kernels, by the same transforms.
 
 use super::super::convolution::{Engine, place};
-use super::super::harmonics::{self, BlockWeights};
+use super::super::harmonics::BlockWeights;
 use crate::buffer::zeros;
 use crate::geometry::{Frame, Rect, Size};
 use crate::parts::for_each_part;
@@ -45,8 +45,7 @@ impl<V: Lanes> Engine<V> {
                         window[to..][..common.width].copy_from_slice(&result[from..][..common.width]);
                     }
                     let place = place(frame, &bins, block);
-                    let size = harmonics::image_size(&place);
-                    let (weights, spectra) = self.weigh(level, &place, weights);
+                    let (weights, size, spectra) = self.weigh(level, &place, weights);
                     images.clear();
                     images.resize(weights.len(), 0.0);
                     let film = (&window[..], reach_stride);
