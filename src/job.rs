@@ -47,7 +47,7 @@ pub use identity::{Contents, contents};
 pub use inputs::chosen_bands;
 pub use keys::{DIGEST, GHOSTS, MTIMES, argument};
 pub use numeric_version::numeric_version;
-pub use tails::tail_bins_px;
+pub use tails::{TAILS, tail_bins_px};
 
 use crate::args::engine::Engine;
 use crate::args::{Device, RunArgs};

@@ -5,6 +5,7 @@
 use crate::args::RestoreArgs;
 use crate::failure::{Coded, code, usage};
 use crate::film::reported;
+use crate::job::TAILS;
 use anyhow::{Context, Result};
 use formats::chart::{ChartOptions, ChartStore, NanPolicy};
 use formats::film::{FilmSpec, FilmStore};
@@ -16,8 +17,6 @@ use std::path::PathBuf;
 
 /// Bytes of decoded chunks of the film.
 const CACHE_BYTES: usize = 64 << 20;
-/// Name of the layer of tails of PSFs, the only light beside the image that is undone.
-const TAILS: &str = "veil_tail";
 /// Flags of a design that are read back from its record.
 const OF_DESIGN: [&str; 7] = [
     "--focus-m",
