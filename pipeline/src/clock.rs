@@ -97,6 +97,17 @@ pub(crate) fn on_threads(threads: usize, work: impl Fn() + Sync) {
     HELPERS_NS.set(HELPERS_NS.get() + helpers_ns.into_inner());
 }
 
+/// Runs `here` on this thread and `there` on another one at the same time; both are part of the phase of this one.
+pub fn at_once<A, B: Send>(here: impl FnOnce() -> A, there: impl FnOnce() -> B + Send) -> (A, B) {
+    let (found, other) = std::thread::scope(|scope| {
+        let other = scope.spawn(|| (there(), phase_cpu_ns()));
+        (here(), other.join())
+    });
+    let (other, other_ns) = other.unwrap_or_else(|panic| std::panic::resume_unwind(panic));
+    HELPERS_NS.set(HELPERS_NS.get() + other_ns);
+    (found, other)
+}
+
 /// CPU time of this thread and of those that it has started, ns.
 fn phase_cpu_ns() -> u64 {
     thread_cpu_ns() + HELPERS_NS.get()

@@ -24,8 +24,10 @@
 //! Errors of half planes and discs, of white, and of points: see `model.md`, tails. Of a single pixel near a point: up to 15 % of T between one and two radii on bins of R/2.5.
 //! Left out: fringes beyond the window; change of c between the heights of the PSFs other than linear.
 
+mod axis;
 mod cells;
 mod convolution;
+mod curve;
 mod harmonics;
 mod lanes;
 pub mod levels;

@@ -8,6 +8,7 @@ use formats::film::FilmStore;
 use formats::group::GroupError;
 use formats::lens::LensPackError;
 use pipeline::band::BandStages;
+use pipeline::clock::at_once;
 use pipeline::depth::seen::SeenChart;
 use pipeline::flow::{ChartSource, SourceSinkError};
 use pipeline::layer::Layer;
@@ -156,8 +157,12 @@ pub fn prepare(
     energy: &Mutex<Vec<Option<f64>>>,
 ) -> Result<BandStages, SourceSinkError> {
     let plan = &job.plans[position];
-    let mut stages = stages(job, position)?;
-    stages.layers = layers(job, store, position)?;
+    // The PSFs of a band are made by one thread, its layers by several.
+    let (stages, layers) = match job.layers.is_empty() {
+        true => (stages(job, position), Ok(Vec::new())),
+        false => at_once(|| stages(job, position), || layers(job, store, position)),
+    };
+    let mut stages = BandStages { layers: layers?, ..stages? };
     if let Some(psf) = &stages.psf {
         let in_windows = &plan.lens.psf_energy;
         let sum: f64 = match psf.is_in_memory() {

@@ -56,20 +56,64 @@ pub fn radial(r: f64, inner: f64, m: usize, j: usize) -> f64 {
     share.powi(m as i32) * inner.powi(-q) * (1.0 - slope * (share * share - 1.0))
 }
 
-/// T at (x, y) from the chief ray, the field point on +x, for `inner` in the same unit.
-pub fn value(c: &Coefficients, inner: f64, x: f64, y: f64) -> f64 {
+/// cos m φ at (x, y) for all m, and the distance.
+fn cosines(x: f64, y: f64) -> ([f64; ORDERS], f64) {
     let r = (x * x + y * y).sqrt();
-    // Chebyshev: cos m φ from cos φ.
+    // Chebyshev, from cos φ.
     let cosine = if r > 0.0 { x / r } else { 1.0 };
     let (mut last, mut this) = (cosine, 1.0);
-    let mut sum = 0.0;
-    for (m, terms) in c.iter().enumerate() {
-        for (j, c) in terms.iter().enumerate() {
-            sum += c * radial(r, inner, m, j) * this;
-        }
+    let all = std::array::from_fn(|m| {
+        let cosine_m = this;
         (last, this) = (this, if m == 0 { cosine } else { 2.0 * cosine * this - last });
+        cosine_m
+    });
+    (all, r)
+}
+
+/// T at (x, y) from the chief ray, the field point on +x, for `inner` in the same unit.
+pub fn value(c: &Coefficients, inner: f64, x: f64, y: f64) -> f64 {
+    let (cosines, r) = cosines(x, y);
+    let mut sum = 0.0;
+    for (m, (terms, cosine)) in c.iter().zip(cosines).enumerate() {
+        for (j, c) in terms.iter().enumerate() {
+            sum += c * radial(r, inner, m, j) * cosine;
+        }
     }
     sum
+}
+
+/// B_mj and cos m φ at the places of a row, for [`value`] of several field points: the same bits.
+#[derive(Debug, Default)]
+pub(crate) struct RowBasis {
+    radial: [[Vec<f64>; TERMS]; ORDERS],
+    cosine: [Vec<f64>; ORDERS],
+}
+
+impl RowBasis {
+    /// Sets the places (x, `y`), `x` ascending or not.
+    pub(crate) fn set(&mut self, inner: f64, x: impl Iterator<Item = f64>, y: f64) {
+        self.radial.iter_mut().flatten().chain(&mut self.cosine).for_each(Vec::clear);
+        for x in x {
+            let (cosines, r) = cosines(x, y);
+            for (m, cosine) in cosines.into_iter().enumerate() {
+                self.cosine[m].push(cosine);
+                self.radial[m].iter_mut().enumerate().for_each(|(j, to)| to.push(radial(r, inner, m, j)));
+            }
+        }
+    }
+
+    /// T of coefficients `c` at the places.
+    pub(crate) fn values(&self, c: &Coefficients, out: &mut Vec<f64>) {
+        out.clear();
+        out.resize(self.cosine[0].len(), 0.0);
+        for ((terms, radials), cosine) in c.iter().zip(&self.radial).zip(&self.cosine) {
+            for (c, radial) in terms.iter().zip(radials) {
+                for ((to, radial), cosine) in out.iter_mut().zip(radial).zip(cosine) {
+                    *to += c * radial * cosine;
+                }
+            }
+        }
+    }
 }
 
 /// ∫ T over the plane, for `inner` in mm: only m = 0 has a share.
@@ -181,6 +225,20 @@ mod tests {
             assert!((at(r) - expected).abs() < 1e-14);
         }
         assert!(value(&C, inner, 0.0, 0.0).is_finite());
+    }
+
+    #[test]
+    fn rows_have_the_bits_of_single_values() {
+        let (mut basis, mut row) = (RowBasis::default(), Vec::new());
+        let x = || (-4..=4).map(|k| 0.4 * f64::from(k));
+        for y in [-1.3, 0.0, 2.5] {
+            basis.set(1.7, x(), y);
+            for c in [C, C.map(|[a, b]| [b, -a])] {
+                basis.values(&c, &mut row);
+                let expected: Vec<f64> = x().map(|x| value(&c, 1.7, x, y)).collect();
+                assert_eq!(row, expected, "{y}");
+            }
+        }
     }
 
     #[test]

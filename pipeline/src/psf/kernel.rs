@@ -28,7 +28,7 @@ pub(super) use azimuth::BaseGroup;
 pub(super) use rotation::NEGLIGIBLE_SAMPLE;
 pub use symmetry::KernelSymmetry;
 
-use crate::lens::tail::{BandTail, value};
+use crate::lens::tail::{BandTail, RowBasis};
 use crate::lens::{PsfSample, PsfStack};
 use crate::psf::grid::{Node, NodeGrid};
 use crate::simd::Simd;
@@ -204,16 +204,22 @@ impl NodeKernels {
 /// p − T at the samples of `stack`, as shares of all light.
 fn near_samples(stack: &PsfStack, tail: &BandTail, height_mm: &[f64], energy: &[f64]) -> PsfStack {
     let n = stack.size;
-    let (pitch, half) = (1e-3 * stack.pitch_um, (n / 2) as f64);
-    let mut samples = Vec::with_capacity(stack.samples.len());
-    for (k, (h, energy)) in height_mm.iter().zip(energy).enumerate() {
-        let c = tail.at(*h);
-        for (y, row) in stack.window(k).chunks_exact(n).enumerate() {
-            let dy = (y as f64 - half) * pitch;
-            samples.extend(row.iter().enumerate().map(|(x, v)| {
-                let dx = (x as f64 - half) * pitch;
-                (f64::from(*v) * energy - value(&c, tail.inner_mm, dx, dy) * pitch * pitch) as f32
-            }));
+    let (pitch, half) = (1e-3 * stack.pitch_um, n / 2);
+    let coefficients: Vec<_> = height_mm.iter().map(|h| tail.at(*h)).collect();
+    let mut samples = stack.samples.clone();
+    let (mut basis, mut tails) = (RowBasis::default(), Vec::new());
+    // T is the same in the rows above and below the chief ray.
+    for off in 0..=half {
+        let at = |i: usize| (i as f64 - half as f64) * pitch;
+        basis.set(tail.inner_mm, (0..n).map(at), off as f64 * pitch);
+        for ((window, c), energy) in samples.chunks_exact_mut(n * n).zip(&coefficients).zip(energy) {
+            basis.values(c, &mut tails);
+            let below = (off > 0 && half + off < n).then_some(half + off);
+            for y in [Some(half - off), below].into_iter().flatten() {
+                for (v, tail) in window[y * n..][..n].iter_mut().zip(&tails) {
+                    *v = (f64::from(*v) * energy - tail * pitch * pitch) as f32;
+                }
+            }
         }
     }
     PsfStack { size: n, pitch_um: stack.pitch_um, sample: stack.sample, samples }
@@ -267,6 +273,7 @@ pub fn film_window(samples: usize, psf_pitch_um: f64, film_pitch_um: f64, sample
 #[cfg(test)]
 mod tests {
     use super::*;
+    use crate::lens::tail::value;
 
     /// An elliptical Gaussian about (cx, 0), axes `a` along +x and `b` across, in film pixels.
     fn gaussian(x: f64, y: f64, azimuth: f64) -> f64 {

@@ -87,7 +87,7 @@ impl<V: Lanes> Engine<V> {
     ) -> (&'a mut [f32], ImageSize, impl Iterator<Item = &'a AlignedBuf>) {
         let kernels = &self.of_levels[level.min(1)];
         let size = weights.of_block(&self.plan, (level, &kernels.peaks), place);
-        let BlockWeights { kernels: of_block, values } = weights;
+        let BlockWeights { kernels: of_block, values, .. } = weights;
         (values, size, of_block.iter().map(|k| &kernels.spectra[*k]))
     }
 

@@ -1,40 +1,34 @@
 //! The inner loops of cells, on registers that round products: the same bits with any instructions.
 #![allow(unsafe_code, reason = "quads of cells are loaded after one check of all of them")]
 
+use super::axis::{CellGrid, Places};
+use super::curve::Curve;
 use crate::simd::lanes::{Lanes, MAX_LANES, SimdOp};
 
-/// Places between cells: as many as the longest register has lanes.
-#[derive(Debug, Default)]
-pub(super) struct Places {
-    /// Index of the first of the 4 x 4 cells.
-    pub(super) first: [i32; MAX_LANES],
-    /// Fractions of a cell, down and across.
-    pub(super) down: [f32; MAX_LANES],
-    pub(super) across: [f32; MAX_LANES],
-    pub(super) gain: [f32; MAX_LANES],
-}
-
-/// The light at places between cells: four-tap cubic Lagrange polynomials down and across.
+/// The light at places between cells: four-tap cubic Lagrange polynomials down and across. Nothing where not all places have their cells without folding.
 pub(super) struct Interpolate<'a> {
+    pub(super) grid: &'a CellGrid,
     pub(super) cells: &'a [f32],
-    /// Cells of a row.
-    pub(super) width: usize,
-    pub(super) places: &'a Places,
+    pub(super) curve: &'a Curve,
+    pub(super) has_all: &'a mut bool,
     pub(super) out: &'a mut [f32; MAX_LANES],
 }
 
 impl<V: Lanes> SimdOp<V> for Interpolate<'_> {
     #[inline(always)]
     fn run(self) {
-        let Places { first, down, across, gain } = self.places;
+        let (places, has_all) = self.grid.places(self.curve);
+        *self.has_all = has_all;
+        if !has_all {
+            return;
+        }
+        let (cells, width) = (self.cells, self.grid.columns.cells());
+        let Places { first, down, across, gain } = &places;
         let (mut least, mut last) = (i32::MAX, i32::MIN);
         for at in first {
             (least, last) = (least.min(*at), last.max(*at));
         }
-        assert!(
-            least >= 0 && last as usize + 3 * self.width + 4 <= self.cells.len(),
-            "cells {least} to {last}"
-        );
+        assert!(least >= 0 && last as usize + 3 * width + 4 <= cells.len(), "cells {least} to {last}");
         for from in (0..MAX_LANES).step_by(V::LANES) {
             let (wy, wx) = (weights::<V>(V::load(&down[from..])), weights::<V>(V::load(&across[from..])));
             let mut sum = V::splat(0.0);
@@ -42,7 +36,7 @@ impl<V: Lanes> SimdOp<V> for Interpolate<'_> {
                 let mut quads = [V::splat(0.0); 4];
                 for (i, quad) in quads.iter_mut().enumerate() {
                     // SAFETY: the four cells from each place's first on in this row, one of four, lie in `cells`, as checked.
-                    *quad = unsafe { V::load_quads(self.cells, first, from + i, row * self.width) };
+                    *quad = unsafe { V::load_quads(cells, first, from + i, row * width) };
                 }
                 let [a, b, c, d] = V::transpose_quads(quads);
                 sum = sum + ((a * wx[0] + b * wx[1]) + (c * wx[2] + d * wx[3])) * w;

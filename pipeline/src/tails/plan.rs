@@ -104,15 +104,26 @@ impl TailPlan {
         BinGrid::new(self.film, self.bin_px * GROWTH.pow(level as u32), self.half() + OUT_MARGIN)
     }
 
-    /// Coefficients at the heights about `r_px` film pixels from the axis, and the share of the second.
-    pub(super) fn around(&self, r_px: f64) -> (&Coefficients, &Coefficients, f64) {
-        let (h, c) = (&self.height_px, &self.coefficients);
+    /// Coefficients by height, the last twice.
+    pub(super) fn coefficients(&self) -> impl Iterator<Item = &Coefficients> {
+        self.coefficients.iter().chain(self.coefficients.last())
+    }
+
+    /// The height below `r_px` film pixels from the axis, by its index in [`TailPlan::coefficients`], and the share of the next. `near`: that of a place nearby.
+    pub(super) fn around(&self, r_px: f64, near: usize) -> (usize, f64) {
+        let h = &self.height_px;
         let last = h.len() - 1;
         if r_px >= h[last] {
-            return (&c[last], &c[last], 0.0);
+            return (last, 0.0);
         }
-        let k = h.partition_point(|h| *h <= r_px).clamp(1, last);
-        (&c[k - 1], &c[k], (r_px - h[k - 1]) / (h[k] - h[k - 1]))
+        let mut k = near.min(last - 1);
+        while h[k + 1] <= r_px {
+            k += 1;
+        }
+        while k > 0 && h[k] > r_px {
+            k -= 1;
+        }
+        (k, (r_px - h[k]) / (h[k + 1] - h[k]))
     }
 
     /// Factor of the power law `j` of level `level` over that of the last level with kernels of its own, 0 or 1.
@@ -123,17 +134,15 @@ impl TailPlan {
 
     /// Light of the kernels C_0j of level `level`, 0 or 1.
     fn sums(&self, level: usize) -> [f64; TERMS] {
-        let half = self.half() as i64;
-        std::array::from_fn(|j| {
-            let places = (-half..=half).flat_map(|y| (-half..=half).map(move |x| (y, x)));
-            places.map(|place| self.kernel_at(level, place, 0, j).0).sum()
-        })
+        std::array::from_fn(|j| self.kernels(level, 0, j).map(|(even, _)| even).sum())
     }
 
-    /// The kernels C_mj and S_mj of level `level`, 0 or 1, at (y, x) bins from the source: with what interpolation takes from them on average, from fourth differences.
-    pub(super) fn kernel_at(&self, level: usize, (y, x): (i64, i64), m: usize, j: usize) -> (f64, f64) {
+    /// The kernels C_mj and S_mj of level `level`, 0 or 1, row by row of bins: with what interpolation takes from them on average, from fourth differences.
+    pub(super) fn kernels(&self, level: usize, m: usize, j: usize) -> impl Iterator<Item = (f64, f64)> {
+        /// Bins beyond a kernel that fourth differences read.
+        const BESIDE: i64 = 2;
         let b = self.bins(level).bin_px as f64;
-        let at = |y: i64, x: i64| {
+        let at = |(y, x): (i64, i64)| {
             let (y, x) = (y as f64, x as f64);
             let r = (y * y + x * x).sqrt();
             let (sin, cos) = if r > 0.0 { (y / r, x / r) } else { (0.0, 1.0) };
@@ -145,14 +154,20 @@ impl TailPlan {
             let value = b * b * self.compact(level, b * r, m, j);
             [value * re, value * im]
         };
-        let blur = self.blur[level] * MEAN_BLUR;
-        let mut sum = at(y, x);
-        for (n, w) in (-2..=2).zip([1.0, -4.0, 6.0, -4.0, 1.0]) {
-            for of in [at(y + n, x), at(y, x + n)] {
-                sum.iter_mut().zip(of).for_each(|(sum, v)| *sum += blur * w * v);
+        let (half, blur) = (self.half() as i64, self.blur[level] * MEAN_BLUR);
+        let places = |half: i64| (-half..=half).flat_map(move |y| (-half..=half).map(move |x| (y, x)));
+        let (around, side) = (half + BESIDE, 2 * (half + BESIDE) + 1);
+        let values: Vec<[f64; 2]> = places(around).map(at).collect();
+        places(half).map(move |(y, x)| {
+            let at = |y: i64, x: i64| values[((y + around) * side + x + around) as usize];
+            let mut sum = at(y, x);
+            for (n, w) in (-BESIDE..=BESIDE).zip([1.0, -4.0, 6.0, -4.0, 1.0]) {
+                for of in [at(y + n, x), at(y, x + n)] {
+                    sum.iter_mut().zip(of).for_each(|(sum, v)| *sum += blur * w * v);
+                }
             }
-        }
-        (sum[0], sum[1])
+            (sum[0], sum[1])
+        })
     }
 
     /// B_mj(r; R_l) − B_mj(r; R_{l+1}) of level `level`, 0 or 1, at `r` film pixels.

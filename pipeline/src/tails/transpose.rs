@@ -5,9 +5,10 @@ mod convolution;
 mod levels;
 mod light;
 
+use super::curve::{curves_along, place_on};
 use super::levels::TailKernels;
 use super::plan::TailPlan;
-use super::remapped::{TAIL_MARGIN_BINS, curves_along};
+use super::remapped::TAIL_MARGIN_BINS;
 use crate::geometry::Frame;
 use crate::layer::{BinGrid, Taps, coefficients_of_film};
 use crate::remap::Remap;
@@ -27,9 +28,7 @@ impl LightSum for RemappedSum<'_> {
         let Self { map, cells } = self;
         curves_along(map, (y, x, step), values.len(), |first, curve| {
             for (i, v) in values[first..].iter().take(MAX_LANES).enumerate().filter(|(_, v)| **v != 0.0) {
-                let i = i as f64;
-                let [row, column, gain]: [f64; 3] =
-                    std::array::from_fn(|k| curve[0][k] + i * (curve[1][k] + i * curve[2][k]));
+                let [row, column, gain] = place_on(&curve, i);
                 cells.add_at(row, column, gain * f64::from(*v));
             }
         });

@@ -1,5 +1,6 @@
 //! Cells against sums over all chart pixels in f64.
 
+use super::super::axis::MARGIN;
 use super::*;
 
 /// A chart whose pixels are a function of their place.
@@ -46,7 +47,7 @@ fn a_point_keeps_its_light_and_its_moments_up_to_the_third() {
     {
         let point = |y, x| if (y, x) == (py, px) { 2.5 } else { 0.0 };
         let cells = read(size, point, side, Surround::Black, 2);
-        let (rows, columns) = (cells.rows.cells(), cells.columns.cells());
+        let (rows, columns) = (cells.grid.rows.cells(), cells.grid.columns.cells());
         let moment = |n: i32, m: i32| -> f64 {
             let place = |cell: usize, side: usize| (cell as f64 - MARGIN as f64 + 0.5) * side as f64 - 0.5;
             (0..rows * columns)
