@@ -99,6 +99,9 @@ mod enabled {
     #[allow(clippy::print_stderr, reason = "debug builds only")]
     /// Counts one execution of `name` and returns the fault to inject there; `any` matches steps, not points.
     fn due(name: &str, is_step: bool) -> Option<Kind> {
+        /// Held while an execution is counted, which is then the same one of every fault.
+        static COUNTING: Mutex<()> = Mutex::new(());
+        let _counting = COUNTING.lock().expect("no panic while held");
         let mut due = None;
         for fault in faults() {
             if fault.step != name && !(is_step && fault.step == "any") {
