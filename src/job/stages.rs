@@ -162,7 +162,7 @@ pub fn prepare(
         true => (stages(job, position), Ok(Vec::new())),
         false => at_once(|| stages(job, position), || layers(job, store, position)),
     };
-    let mut stages = BandStages { layers: layers?, ..stages? };
+    let stages = BandStages { layers: layers?, ..stages? };
     if let Some(psf) = &stages.psf {
         let in_windows = &plan.lens.psf_energy;
         let sum: f64 = match psf.is_in_memory() {
