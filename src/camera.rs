@@ -2,7 +2,7 @@
 
 pub mod frame;
 pub mod recipe;
-mod shading;
+pub mod shading;
 
 use crate::args::DevelopStyle;
 use crate::failure::usage;

@@ -32,6 +32,7 @@ pub mod memory;
 mod notes;
 mod numeric_version;
 pub mod preview;
+pub mod recorded_lens;
 mod reduced;
 mod resources;
 mod scatter;

@@ -5,12 +5,16 @@
 //!
 //!   variance = S·x + O of x = (raw − black)/W,   S = g·K/W,   O = (σ_dark² + 1/12)/W²,   W = white − black
 //!
+//! Shading by the angle of incidence is undone by gain maps ([`GainMaps`]).
 //! A reader that applies ColorMatrix2 to a frame of D65 has the matrix of [`pipeline::develop`]. Source: Adobe, Digital Negative
 //! Specification 1.4.0.0 (2012); TIFF/EP (ISO 12234-2) for CFARepeatPatternDim, CFAPattern and ExposureTime.
+
+mod gain_map;
 
 use std::ops::Range;
 use std::path::Path;
 
+pub use gain_map::GainMaps;
 use pipeline::geometry::Size;
 
 use crate::developed::strips::{Page, Value};
@@ -36,6 +40,8 @@ pub struct Dng<'a> {
     pub exposure_s: f64,
     /// ISO speed, if known.
     pub iso: Option<f64>,
+    /// Gains that undo the shading of the sensor's filters.
+    pub gain_maps: Option<GainMaps>,
     /// Text for people.
     pub description: &'a str,
 }
@@ -94,6 +100,9 @@ fn tags(d: &Dng<'_>) -> Vec<(u16, Value)> {
     ];
     if let Some(iso) = d.iso.filter(|iso| *iso < 65536.0) {
         tags.push((34855, Value::Short(vec![iso.round() as u16])));
+    }
+    if let Some(maps) = &d.gain_maps {
+        tags.push((51009, Value::Opaque(maps.opcodes(d.size))));
     }
     let Some(pattern) = &d.pattern else {
         tags.push((262, Value::Short(vec![34892])));
@@ -160,7 +169,38 @@ mod tests {
             noise: (1e-4, 1e-6),
             exposure_s: 1.0 / 64.0,
             iso: Some(200.0),
+            gain_maps: None,
             description: "a film of µm",
+        }
+    }
+
+    #[test]
+    fn gain_maps_are_the_second_list_of_opcodes() {
+        let folder = tempfile::tempdir().unwrap();
+        let path = folder.path().join("a.dng");
+        let size = Size::new(6, 8);
+        let gains: Vec<Vec<f32>> =
+            (0..4).map(|k| (0..6).map(|i| 1.0 + (6 * k + i) as f32).collect()).collect();
+        let maps = GainMaps { period: (2, 2), points: (2, 3), gains: gains.clone() };
+        let dng = Dng { gain_maps: Some(maps), ..dng(size, Some(vec![vec![0, 1], vec![1, 2]])) };
+        let make = |rows: Range<usize>| Ok::<_, ExportError>(vec![0; rows.len() * size.width]);
+        write_dng(&path, &dng, (16, 1), &|_, _| (), make).unwrap();
+        let list = tags_of(&std::fs::read(&path).unwrap()).remove(&51009).unwrap();
+        let whole = |at: usize| u32::from_be_bytes(list[at..at + 4].try_into().unwrap());
+        let double = |at: usize| f64::from_be_bytes(list[at..at + 8].try_into().unwrap());
+        let bytes = 40 + 32 + 4 + 24;
+        assert_eq!((whole(0), list.len()), (4, 4 + 4 * (16 + bytes)));
+        for (k, gains) in gains.iter().enumerate() {
+            let at = 4 + k * (16 + bytes);
+            let head: Vec<u32> = (0..14).map(|i| whole(at + 4 * i)).collect();
+            let place = [(k / 2) as u32, (k % 2) as u32];
+            let expected =
+                [&[9, 0x0103_0000, 1, bytes as u32], &place[..], &[6, 8, 0, 1, 2, 2, 2, 3]].concat();
+            assert_eq!(head, expected);
+            assert_eq!((double(at + 56), double(at + 64), double(at + 72)), (1.0, 0.5, 0.0));
+            assert_eq!(whole(at + 88), 1);
+            let found: Vec<f32> = (0..6).map(|i| f32::from_bits(whole(at + 92 + 4 * i))).collect();
+            assert_eq!(&found, gains);
         }
     }
 

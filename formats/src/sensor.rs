@@ -2,8 +2,9 @@
 //!
 //! A description is read whole and checked before anything else happens: unknown fields are errors with line and column, numbers out of range
 //! with field, expected and found. A curve's file is in the directory of the description; a name without a file there is looked up among the built-in
-//! tables. [`SensorFile::sensor`] is the sensor of the pipeline, [`SensorFile::record`] its record in a raw.
+//! tables. The angles of incidence are in `angle`. [`SensorFile::sensor`] is the sensor of the pipeline, [`SensorFile::record`] its record in a raw.
 
+mod angle;
 mod builtin;
 mod check;
 mod error;
@@ -21,6 +22,7 @@ pub use error::SensorError;
 
 use crate::durable::{Directory, is_url, parent_of};
 use crate::toml_error::located;
+use angle::{AngleFile, PlateFile};
 use table::Quantity;
 use text::{AreaText, FilterText, PitchText, QuantityText, SCHEMA, SensorText};
 
@@ -36,6 +38,8 @@ pub struct SensorFile {
     set: Vec<String>,
     channels: Vec<Channel>,
     filters: Vec<Curve>,
+    angle: Option<AngleFile>,
+    plates: Vec<PlateFile>,
     pattern: Pattern,
 }
 
@@ -122,7 +126,11 @@ impl SensorFile {
         let curves = Curves { path, directory, text: &text };
         let channels = curves.channels(&names)?;
         let filters = curves.filters()?;
-        let file = Self { text, set, channels, filters, pattern };
+        let names: Vec<String> = names.into_iter().map(|(name, _)| name).collect();
+        let angle = text.angle.as_ref().map(|angle| AngleFile::read(&curves, angle, &names)).transpose()?;
+        let plates =
+            text.plate.iter().map(|plate| PlateFile::read(&curves, plate)).collect::<Result<_, _>>()?;
+        let file = Self { text, set, channels, filters, angle, plates, pattern };
         check::sensor(path, &file)?;
         Ok(file)
     }
@@ -163,6 +171,8 @@ impl SensorFile {
             channels: self.channels.clone(),
             per_energy: self.per_energy(),
             filters: self.filters.clone(),
+            plates: self.plates.iter().map(PlateFile::plate).collect(),
+            angle: self.angle.as_ref().map(AngleFile::response),
             pattern: self.pattern.clone(),
         }
     }
@@ -190,13 +200,20 @@ impl SensorFile {
         let curve = |c: &Curve| json!({ "wavelength_nm": c.wavelengths_nm, "value": c.values });
         let channels: Map<String, Value> =
             self.channels.iter().map(|c| (c.name.clone(), curve(&c.curve))).collect();
-        json!({
+        let mut record = json!({
             "description": serde_json::to_value(&self.text).expect("names and numbers are JSON"),
             "set": self.set,
             "curves": channels,
             "curves_per_energy": self.per_energy(),
             "filters": self.filters.iter().map(curve).collect::<Vec<_>>(),
-        })
+        });
+        if let Some(angle) = &self.angle {
+            record["angle"] = serde_json::to_value(angle).expect("names and numbers are JSON");
+        }
+        if !self.plates.is_empty() {
+            record["plates"] = serde_json::to_value(&self.plates).expect("names and numbers are JSON");
+        }
+        record
     }
 
     /// The sensor of a raw, from what [`SensorFile::record`] kept.
@@ -227,7 +244,20 @@ impl SensorFile {
             record["filters"].as_array().map(|all| all.iter().map(curve).collect::<Option<Vec<_>>>());
         let filters = filters.flatten().ok_or_else(|| damaged("its filters".into()))?;
         let set = serde_json::from_value(record["set"].clone()).map_err(|e| damaged(e.to_string()))?;
-        Ok(Self { text, set, channels, filters, pattern })
+        let wrong = |(field, expected, found): (String, String, String)| {
+            damaged(format!("{field}: expected {expected}, found {found}"))
+        };
+        let angle: Option<AngleFile> =
+            serde_json::from_value(record["angle"].clone()).map_err(|e| damaged(format!("angle: {e}")))?;
+        angle.as_ref().map_or(Ok(()), |angle| angle.check(channels.len())).map_err(wrong)?;
+        let plates: Option<Vec<PlateFile>> =
+            serde_json::from_value(record["plates"].clone()).map_err(|e| damaged(format!("plates: {e}")))?;
+        let plates = plates.unwrap_or_default();
+        plates.iter().try_for_each(PlateFile::check).map_err(wrong)?;
+        if angle.is_some() != text.angle.is_some() || plates.len() != text.plate.len() {
+            return Err(damaged("its response over the angle".into()));
+        }
+        Ok(Self { text, set, channels, filters, angle, plates, pattern })
     }
 }
 
@@ -239,6 +269,15 @@ struct Curves<'a> {
 }
 
 impl Curves<'_> {
+    fn wrong(&self, field: &str, expected: &str, found: &str) -> SensorError {
+        SensorError::Field {
+            path: self.path.into(),
+            field: field.into(),
+            expected: expected.into(),
+            found: found.into(),
+        }
+    }
+
     /// The path and the text of a table.
     fn table(&self, field: &str, file: &str) -> Result<(PathBuf, String), SensorError> {
         if let Some(directory) = self.directory {
@@ -346,6 +385,17 @@ pub fn film_reflectance(path: &Path) -> Result<Curve, SensorError> {
 /// As [`film_reflectance`].
 pub fn relative_power(path: &Path) -> Result<Curve, SensorError> {
     table_at(path, "power", Quantity::Response)
+}
+
+/// Heights on the film (mm, ascending), chief-ray angles (degrees) and F-numbers in the CSV at `path`: columns `height_mm`, `cra_deg`, `f_number`.
+///
+/// # Errors
+/// As [`film_reflectance`].
+pub fn chief_ray_angles(path: &Path) -> Result<Vec<[f64; 3]>, SensorError> {
+    let missing = || SensorError::Table { path: path.into(), problem: "is not there".into() };
+    let text = read(path, MAX_TABLE)?.ok_or_else(missing)?;
+    let rows = table::columns(path, &text, ["height_mm", "cra_deg", "f_number"])?;
+    Ok(rows.into_iter().map(|(_, row)| row).collect())
 }
 
 fn table_at(path: &Path, column: &str, quantity: Quantity) -> Result<Curve, SensorError> {

@@ -10,6 +10,7 @@
 //! The PSF stack of one band may be large (traced: 60 MB), so stacks are read separately, band by band.
 
 mod check;
+pub mod cone;
 pub mod depth;
 pub mod planar;
 pub mod tail;

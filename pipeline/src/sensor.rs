@@ -3,7 +3,7 @@
 //! Of a sensor pixel with the filter c, in this order (z, u: independent standard normal and uniform numbers, [`random`]):
 //!
 //! ```text
-//! signal (e-/s)  = A · Σ_b w_cb · ⟨E_b⟩                                             spectrum, pixels, stream
+//! signal (e-/s)  = A · Σ_b w_cb · ⟨E_b⟩                                             spectrum, pixels, stream; w_cb(place): angle, field_weights
 //! mean (e-)      = max(signal, 0)·κ·t·max(1 + PRNU·z, 0) + D(T)·max(1 + DCNU·z, 0)·t   noise
 //! charge (e-)    = min(Poisson(mean), full well)                                    noise, quantile
 //! read (e-)      = (charge + DSNU·z + reset·z + read·z + column offset·z + row·z)·(1 + column gain·z)
@@ -16,7 +16,7 @@
 //! share of light that is not caught, so it has shot noise. PRNU, DCNU, DSNU and the column terms belong to the die and are the same in
 //! every frame; shot, reset, read, converter and row noise belong to the frame.
 //!
-//! Left out: crosstalk, microlens shading, blooming, lag, non-linearity, rolling shutter. A raw of a given signal has the same bits on every
+//! Left out: crosstalk, blooming, lag, non-linearity, rolling shutter. A raw of a given signal has the same bits on every
 //! machine, in any region, order and number of threads.
 //!
 //! # Words
@@ -25,9 +25,11 @@
 //!   **die**: what is the same in every frame of a sensor. **filter**: what stands before a pixel of the mosaic (Gr and Gb are two). **plane**:
 //!   the colour that filters belong to. **mosaic**: one filter per pixel; **demosaicing** interpolates every plane at every pixel.
 
+pub mod angle;
 mod curve;
 pub mod emva;
 pub mod exposure;
+pub mod field_weights;
 pub mod figures;
 mod lanes;
 mod model;
@@ -35,6 +37,7 @@ pub mod noise;
 pub mod pixels;
 pub mod quantile;
 pub mod random;
+pub mod response_map;
 pub mod spectrum;
 pub mod stream;
 mod variance;

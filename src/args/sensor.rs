@@ -157,6 +157,17 @@ pub struct ExposeArgs {
     /// Transmission of the lens, with --f-number
     #[arg(long, value_name = "TAU", value_parser = bounded(bounds::TRANSMISSION), requires = "f_number", help_heading = "Light of the film")]
     pub transmission: Option<f64>,
+    /// Lens of the film, where the one that it records lies elsewhere now: for sensors whose response depends on the angle of incidence
+    #[arg(
+        long,
+        value_name = "LENS",
+        conflicts_with = "chief_ray_angles",
+        help_heading = "Light of the film"
+    )]
+    pub lens: Option<String>,
+    /// Chief-ray angles instead of the lens's, for such sensors: columns height_mm, cra_deg (in air) and f_number (of the exit pupil)
+    #[arg(long, value_name = "FILE.csv", help_heading = "Light of the film")]
+    pub chief_ray_angles: Option<PathBuf>,
     /// Mean illuminance over the sensor of a relative film, lx
     #[arg(long, value_name = "LX", value_parser = positive, conflicts_with = "film_scale", help_heading = "Light of the film")]
     pub film_lux: Option<f64>,
@@ -214,6 +225,8 @@ impl ExposeArgs {
             coarse_film: false,
             f_number: None,
             transmission: None,
+            lens: None,
+            chief_ray_angles: None,
             film_lux: None,
             film_scale: None,
             nominal: DEFAULT_NOMINAL.into(),

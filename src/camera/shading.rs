@@ -5,13 +5,84 @@ use crate::failure::usage;
 use crate::job::default_options;
 use crate::job::lens::{JobLens, UntracedLens};
 use anyhow::{Context, Result};
+use formats::dng::GainMaps;
 use formats::raw::RawStore;
+use pipeline::develop::shading::MIN_DIVISOR;
 use pipeline::develop::{Development, Flat, LensShading, Shading};
 use pipeline::geometry::{Frame as FilmFrame, Rect, Size};
+use pipeline::sensor::response_map::ResponseMap;
+use pipeline::sensor::{Channel, Sensor};
+use serde_json::{Map, Value, json};
 use std::path::Path;
 
 /// Side of the middle of a flat that its values are relative to, pixels.
 const MIDDLE_PX: usize = 64;
+
+/// Key of a raw whose sensor responds to the angle of incidence: the response of each filter on a grid over the sensor.
+pub const RESPONSE_MAP: &str = "response_map";
+
+/// `map` of `sensor` as a raw records it.
+pub fn recorded(map: &ResponseMap, sensor: &Sensor) -> Value {
+    let filters: Map<String, Value> =
+        sensor.channels.iter().zip(&map.filters).map(|(c, v)| (c.name.clone(), json!(v))).collect();
+    json!({ "cells": [map.cells.0, map.cells.1], "filters": filters })
+}
+
+/// The response that the raw of `frame` records; none without. It is checked.
+///
+/// # Errors
+/// A raw whose sensor has one, without it, or with a damaged one.
+pub fn response_map(frame: &Frame) -> Result<Option<ResponseMap>> {
+    if !frame.sensor.depends_on_angles() {
+        return Ok(None);
+    }
+    let found = frame.attributes.get(RESPONSE_MAP).cloned().unwrap_or_default();
+    let whole = |v: &Value| v.as_u64().map(|n| n as usize).filter(|n| (1..=4096).contains(n));
+    let cells = whole(&found["cells"][0]).zip(whole(&found["cells"][1]));
+    let of = |c: &Channel| {
+        let (rows, columns) = cells?;
+        let values = found["filters"][&c.name].as_array()?;
+        let number = |v: &Value| v.as_f64().map(|v| v as f32).filter(|v| v.is_finite() && *v >= 0.0);
+        let numbers: Vec<f32> = values.iter().map(number).collect::<Option<_>>()?;
+        (numbers.len() == (rows + 1) * (columns + 1)).then_some(numbers)
+    };
+    let filters: Option<Vec<Vec<f32>>> = frame.sensor.channels.iter().map(of).collect();
+    match cells.zip(filters) {
+        Some((cells, filters)) => Ok(Some(ResponseMap { cells, size: frame.spec.sensor, filters })),
+        None => Err(usage(format!(
+            "the raw's sensor depends on the angle of incidence, but its attribute {RESPONSE_MAP} is missing or damaged"
+        ))),
+    }
+}
+
+/// Gains that undo the response that the raw of `frame` records; none without.
+///
+/// # Errors
+/// As [`response_map`].
+pub fn gain_maps(frame: &Frame) -> Result<Option<GainMaps>> {
+    let Some(map) = response_map(frame)? else { return Ok(None) };
+    let (rect, pattern) = (frame.rect, &frame.sensor.pattern);
+    // The grid of the whole sensor, and at least two points.
+    let (rows, columns) = (map.cells.0 + 1, map.cells.1 + 1);
+    let gains = |place: usize| {
+        let (row, column) =
+            (rect.y as usize + place / pattern.columns, rect.x as usize + place % pattern.columns);
+        let filter = pattern.channel(row, column);
+        let at = |point: usize, points: usize, first: i64, n: usize| {
+            first as f32 + n as f32 * (point as f32 / (points - 1) as f32) - 0.5
+        };
+        let gain = |y: usize, x: usize| {
+            let place = (at(y, rows, rect.y, rect.height), at(x, columns, rect.x, rect.width));
+            (1.0 / map.at(filter, place)).min(1.0 / MIN_DIVISOR)
+        };
+        (0..rows).flat_map(|y| (0..columns).map(move |x| (y, x))).map(|(y, x)| gain(y, x)).collect()
+    };
+    Ok(Some(GainMaps {
+        period: (pattern.rows, pattern.columns),
+        points: (rows, columns),
+        gains: (0..pattern.rows * pattern.columns).map(gains).collect(),
+    }))
+}
 
 /// What a development divides by.
 pub enum ShadingSource {
@@ -131,8 +202,13 @@ impl ShadingSource {
             place(axis(spec.sensor.width, spec.centre_mm.1, x), x),
         );
         let reach_px = pipeline::real::hypot(down, across) / (pitch_mm * step);
-        LensShading::new(lens.lens(), &nm, &weights, (pitch_mm * step, axis, reach_px))
-            .map(|s| Self::Lens(Box::new(s)))
-            .map_err(|e| usage(format!("--shading {name}: {e}")))
+        let shading = LensShading::new(lens.lens(), &nm, &weights, (pitch_mm * step, axis, reach_px))
+            .map_err(|e| usage(format!("--shading {name}: {e}")))?;
+        // The sensor's pixel under the middle of the picture's first.
+        let first = |first: i64| first as f64 + if bin { (first % 2) as f64 + 0.5 } else { 0.0 };
+        Ok(Self::Lens(Box::new(match response_map(frame)? {
+            None => shading,
+            Some(map) => shading.with_angles(map, (first(y), first(x)), step),
+        })))
     }
 }

@@ -1,6 +1,7 @@
 //! `lenscube sensor`: film → signal → raw; the raw is created, resumed, or found complete.
 
 mod attributes;
+mod directions;
 mod exposure;
 mod exposure_times;
 mod figures;

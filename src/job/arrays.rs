@@ -14,6 +14,7 @@ mod points;
 mod shared;
 
 pub use film::ArrayFilm;
+pub use flags::ArrayFlags;
 pub use placement::Placement;
 
 use super::Job;
@@ -23,7 +24,6 @@ use crate::args::RunArgs;
 use crate::failure::usage;
 use crate::machine::threads;
 use anyhow::Result;
-use flags::ArrayFlags;
 use formats::chart::ArrayChart;
 use pipeline::design::trace::with_threads;
 use pipeline::geometry::Size;

@@ -1,5 +1,6 @@
 //! `lenscube develop`, `shoot`, `compare`, and `lenscube sensor` with files as output, from outside.
 
+mod angles;
 mod colour;
 mod compare;
 mod files;

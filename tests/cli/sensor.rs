@@ -1,5 +1,6 @@
 //! `lenscube sensor` from outside: films to raws.
 
+mod angles;
 mod bad_input;
 mod bits;
 mod catalogue;

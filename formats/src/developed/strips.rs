@@ -2,13 +2,14 @@
 //!
 //! Classic TIFF where the file stays below 4 GiB, else BigTIFF.
 
+use std::borrow::Cow;
 use std::io::{BufWriter, Seek, Write};
 use std::ops::Range;
 use std::path::Path;
 
 use ::tiff::TiffError;
-use ::tiff::encoder::{Rational, SRational, TiffEncoder, TiffKind, TiffKindBig, TiffKindStandard};
-use ::tiff::tags::Tag;
+use ::tiff::encoder::{Rational, SRational, TiffEncoder, TiffKind, TiffKindBig, TiffKindStandard, TiffValue};
+use ::tiff::tags::{Tag, Type};
 use pipeline::geometry::Size;
 
 use super::Developed;
@@ -23,12 +24,29 @@ const CLASSIC_BYTES: u64 = (1 << 32) - (1 << 24);
 /// Value of a tag.
 pub(crate) enum Value {
     Byte(Vec<u8>),
+    Opaque(Vec<u8>),
     Short(Vec<u16>),
     Long(Vec<u32>),
     Text(String),
     Rational(Vec<f64>),
     SignedRational(Vec<f64>),
     Double(Vec<f64>),
+}
+
+/// Bytes of the type UNDEFINED.
+struct Opaque<'a>(&'a [u8]);
+
+impl TiffValue for Opaque<'_> {
+    const BYTE_LEN: u8 = 1;
+    const FIELD_TYPE: Type = Type::UNDEFINED;
+
+    fn count(&self) -> usize {
+        self.0.len()
+    }
+
+    fn data(&self) -> Cow<'_, [u8]> {
+        Cow::Borrowed(self.0)
+    }
 }
 
 /// A page.
@@ -145,6 +163,7 @@ impl Page<'_> {
             let tag = Tag::from_u16_exhaustive(*tag);
             match value {
                 Value::Byte(v) => page.write_tag(tag, &v[..]),
+                Value::Opaque(v) => page.write_tag(tag, Opaque(v)),
                 Value::Short(v) => page.write_tag(tag, &v[..]),
                 Value::Long(v) => page.write_tag(tag, &v[..]),
                 Value::Text(v) => page.write_tag(tag, ascii(v).as_str()),

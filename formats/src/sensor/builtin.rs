@@ -16,7 +16,8 @@ const SENSORS: [(&str, &str); 7] = files!(
 );
 
 /// Tables by file name.
-const TABLES: [(&str, &str); 5] = files!(
+const TABLES: [(&str, &str); 6] = files!(
+    "cmv12000-angular.csv": "data/sensors/cmv12000-angular.csv",
     "cmv12000-qe.csv": "data/sensors/cmv12000-qe.csv",
     "ir-cut-bir690.csv": "data/sensors/ir-cut-bir690.csv",
     "mt9v024-qe.csv": "data/sensors/mt9v024-qe.csv",

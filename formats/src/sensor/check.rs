@@ -73,8 +73,9 @@ pub(super) fn fields(path: &Path, t: &SensorText) -> Result<(), SensorError> {
             return Err(wrong(path, "spectral", "either `file` or `constant`", "both"));
         }
     }
-    if s.filters.len() > 2 {
-        return Err(wrong(path, "spectral.filters", "at most two", s.filters.len()));
+    if s.filters.len() + t.plate.len() > 2 {
+        let found = s.filters.len() + t.plate.len();
+        return Err(wrong(path, "spectral.filters and plate", "at most two in all", found));
     }
     match (s.quantity, s.peak_quantum_efficiency) {
         (None, _) if s.file.is_some() => {

@@ -1,4 +1,4 @@
-//! Curves over wavelength: CSV with a header, a column `wavelength_nm` (nm) and columns of values.
+//! Tables in CSV: a header with names, rows of numbers whose first wanted column ascends. Curves over wavelength have a column `wavelength_nm` (nm).
 
 use std::path::Path;
 
@@ -21,20 +21,24 @@ pub(super) enum Quantity {
     Response,
 }
 
-/// Reads column `column` of the CSV `text`.
-pub(super) fn curve(path: &Path, text: &str, column: &str, quantity: Quantity) -> Result<Curve, SensorError> {
+/// Rows of numbers of the columns `wanted` of the CSV `text`, and the lines they stand in.
+pub(super) fn columns<const N: usize>(
+    path: &Path,
+    text: &str,
+    wanted: [&str; N],
+) -> Result<Vec<(usize, [f64; N])>, SensorError> {
     let fail = |problem: String| SensorError::Table { path: path.into(), problem };
     let mut lines = text.lines().enumerate().map(|(i, l)| (i + 1, l.trim())).filter(|(_, l)| !l.is_empty());
     let (_, head) =
-        lines.next().ok_or_else(|| fail("is empty, expected a header line with wavelength_nm".into()))?;
-    let names: Vec<&str> = head.trim_start_matches('\u{feff}').split(',').map(str::trim).collect();
-    let find = |name: &str| {
-        names.iter().position(|n| *n == name).ok_or_else(|| {
+        lines.next().ok_or_else(|| fail(format!("is empty, expected a header line with {}", wanted[0])))?;
+    let names = names_of(head);
+    let mut places = [0; N];
+    for (place, name) in places.iter_mut().zip(wanted) {
+        *place = names.iter().position(|n| *n == name).ok_or_else(|| {
             fail(format!("expected a column `{name}`, found the columns {}", names.join(", ")))
-        })
-    };
-    let (nm, value) = (find("wavelength_nm")?, find(column)?);
-    let mut curve = Curve::default();
+        })?;
+    }
+    let mut rows = Vec::new();
     for (line, text) in lines {
         let cells: Vec<&str> = text.split(',').map(str::trim).collect();
         if cells.len() != names.len() {
@@ -44,20 +48,46 @@ pub(super) fn curve(path: &Path, text: &str, column: &str, quantity: Quantity) -
                 cells.len()
             )));
         }
-        let number = |k: usize| match cells[k].parse::<f64>() {
-            Ok(v) if v.is_finite() => Ok(v),
-            _ => Err(fail(format!(
-                "line {line}, column {}: expected a number, found `{}`",
-                names[k], cells[k]
-            ))),
-        };
-        let (nm, value) = (number(nm)?, number(value)?);
-        WAVELENGTH_NM.check(nm).map_err(|e| fail(format!("line {line}: {e}")))?;
-        if let Some(last) = curve.wavelengths_nm.last().filter(|last| **last >= nm) {
+        if rows.len() == MAX_ROWS {
+            return Err(fail(format!("line {line}: more than {MAX_ROWS} rows")));
+        }
+        let mut numbers = [0.0; N];
+        for (to, k) in numbers.iter_mut().zip(places) {
+            *to = match cells[k].parse::<f64>() {
+                Ok(v) if v.is_finite() => v,
+                _ => {
+                    return Err(fail(format!(
+                        "line {line}, column {}: expected a number, found `{}`",
+                        names[k], cells[k]
+                    )));
+                }
+            };
+        }
+        if let Some((_, last)) = rows.last().filter(|(_, last): &&(usize, [f64; N])| last[0] >= numbers[0]) {
             return Err(fail(format!(
-                "line {line}: expected a wavelength above {last} nm, the row before, found {nm} nm"
+                "line {line}: expected a {} above {}, the row before, found {}",
+                wanted[0], last[0], numbers[0]
             )));
         }
+        rows.push((line, numbers));
+    }
+    match rows.len() {
+        0 | 1 => Err(fail(format!("expected two rows of numbers or more, found {}", rows.len()))),
+        _ => Ok(rows),
+    }
+}
+
+/// Names of the columns in a header line.
+pub(super) fn names_of(head: &str) -> Vec<&str> {
+    head.trim_start_matches('\u{feff}').split(',').map(str::trim).collect()
+}
+
+/// Reads column `column` of the CSV `text`.
+pub(super) fn curve(path: &Path, text: &str, column: &str, quantity: Quantity) -> Result<Curve, SensorError> {
+    let fail = |problem: String| SensorError::Table { path: path.into(), problem };
+    let mut curve = Curve::default();
+    for (line, [nm, value]) in columns(path, text, ["wavelength_nm", column])? {
+        WAVELENGTH_NM.check(nm).map_err(|e| fail(format!("line {line}: {e}")))?;
         match quantity {
             Quantity::Share(_) | Quantity::Reflectance if !(0.0..=1.0).contains(&value) => {
                 let percent =
@@ -75,14 +105,8 @@ pub(super) fn curve(path: &Path, text: &str, column: &str, quantity: Quantity) -
             }
             _ => {}
         }
-        if curve.values.len() == MAX_ROWS {
-            return Err(fail(format!("line {line}: more than {MAX_ROWS} rows")));
-        }
         curve.wavelengths_nm.push(nm);
         curve.values.push(value.max(0.0));
-    }
-    if curve.values.len() < 2 {
-        return Err(fail(format!("expected two rows of numbers or more, found {}", curve.values.len())));
     }
     if quantity != Quantity::Reflectance && curve.values.iter().all(|v| *v == 0.0) {
         return Err(fail(format!("column {column}: expected a value above 0, found none")));

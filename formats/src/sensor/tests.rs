@@ -138,7 +138,7 @@ fn bad_tables_are_named_with_their_line() {
         ("nm,mono\n400,0.1\n", "expected a column `wavelength_nm`, found the columns nm, mono"),
         ("wavelength_nm,red\n400,0.1\n", "expected a column `mono`"),
         ("wavelength_nm,mono\n400,0.1\n", "expected two rows of numbers or more, found 1"),
-        ("wavelength_nm,mono\n400,0.1\n400,0.2\n", "line 3: expected a wavelength above 400 nm"),
+        ("wavelength_nm,mono\n400,0.1\n400,0.2\n", "line 3: expected a wavelength_nm above 400"),
         ("wavelength_nm,mono\n400,0.1\n500\n", "line 3: expected 2 columns, found 1"),
         ("wavelength_nm,mono\n400,0.1\n500,x\n", "line 3, column mono: expected a number, found `x`"),
         ("wavelength_nm,mono\n400,10\n500,48\n", "did you mean percent?"),

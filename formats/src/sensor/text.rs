@@ -19,6 +19,10 @@ pub(super) struct SensorText {
     pub noise: NoiseFigures,
     pub adc: AdcText,
     pub spectral: SpectralText,
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub angle: Option<AngleText>,
+    #[serde(default, skip_serializing_if = "Vec::is_empty")]
+    pub plate: Vec<PlateText>,
     pub cfa: BTreeMap<String, CfaText>,
     pub source: BTreeMap<String, String>,
 }
@@ -123,4 +127,68 @@ pub(super) struct FilterText {
     pub column: Option<String>,
     #[serde(skip_serializing_if = "Option::is_none")]
     pub plane: Option<String>,
+}
+
+/// Response of pixels over the angle of incidence.
+#[derive(Clone, Debug, Deserialize, Serialize)]
+#[serde(deny_unknown_fields)]
+pub(super) struct AngleText {
+    pub stack_index: f64,
+    #[serde(default = "centred")]
+    pub microlenses: String,
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub acceptance_deg: Option<f64>,
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub exponent: Option<u32>,
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub file: Option<String>,
+    #[serde(default, skip_serializing_if = "BTreeMap::is_empty")]
+    pub filters: BTreeMap<String, AcceptanceText>,
+}
+
+fn centred() -> String {
+    CENTRED.into()
+}
+
+impl AngleText {
+    /// That of filters without one of their own.
+    pub(super) fn of_all(&self) -> AcceptanceText {
+        AcceptanceText {
+            acceptance_deg: self.acceptance_deg,
+            exponent: self.exponent,
+            file: self.file.clone(),
+        }
+    }
+}
+
+/// Words of `angle.microlenses`; else a table.
+pub(super) const CENTRED: &str = "centred";
+pub(super) const OF_LENS: &str = "lens";
+
+/// Response of a filter's pixels: a half width, or a table.
+#[derive(Clone, Debug, Default, Deserialize, Serialize)]
+#[serde(deny_unknown_fields)]
+pub(super) struct AcceptanceText {
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub acceptance_deg: Option<f64>,
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub exponent: Option<u32>,
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub file: Option<String>,
+}
+
+/// A plate in front of the sensor.
+#[derive(Clone, Debug, Deserialize, Serialize)]
+#[serde(deny_unknown_fields)]
+pub(super) struct PlateText {
+    pub file: String,
+    pub kind: PlateWord,
+    pub index: f64,
+}
+
+#[derive(Clone, Copy, Debug, Deserialize, Serialize)]
+#[serde(rename_all = "lowercase")]
+pub(super) enum PlateWord {
+    Interference,
+    Absorbing,
 }

@@ -7,6 +7,7 @@ pub mod describe;
 pub mod field_curvature;
 pub mod field_figures;
 pub mod image_circle;
+pub mod image_cone;
 pub mod light;
 pub mod paraxial_rays;
 pub mod pattern_spot;

@@ -2,10 +2,11 @@
 //!
 //!   S_c(r) = Σ_b w_cb·R(r, λ_b) / Σ_b w_cb      of a lens, for the filter c at the real image height r in mm
 //! with w_cb the weights of the film's bands ([`crate::sensor::spectrum`]) and R the relative illumination, linear in wavelength between the
-//! lens's bands. Of a flat (a raw of a uniform chart): its value over the mean of the same filter in the middle of the picture.
+//! lens's bands; of a sensor whose response depends on the angle of incidence times that ([`ResponseMap`]). Of a flat (a raw of a uniform chart): its value over the mean of the same filter in the middle of the picture.
 //! A divisor is at least 1/8: where less light arrives, amplified noise is all that a picture would show.
 
 use crate::lens::Lens;
+use crate::sensor::response_map::ResponseMap;
 
 /// Minimum divisor.
 pub const MIN_DIVISOR: f32 = 0.125;
@@ -21,6 +22,8 @@ pub struct LensShading {
     nodes_per_px: f32,
     /// Row and column of the axis, pixels.
     axis_px: (f32, f32),
+    /// Response over the angle of incidence, and the sensor's pixel (row, column) that the picture's first is, and of the next one.
+    angles: Option<(ResponseMap, [(f32, f32); 2])>,
 }
 
 impl LensShading {
@@ -66,7 +69,16 @@ impl LensShading {
             tables: weights.iter().map(table).collect(),
             nodes_per_px: (1.0 / step_px) as f32,
             axis_px: (axis_px.0 as f32, axis_px.1 as f32),
+            angles: None,
         })
+    }
+
+    /// With the response `map` of a sensor, of which the pixel (row, column) at `first` is the picture's first, and `step` pixels one.
+    #[must_use]
+    pub fn with_angles(self, map: ResponseMap, first: (f64, f64), step: f64) -> Self {
+        let next = (first.0 + step, first.1 + step);
+        let angles = Some((map, [first, next].map(|(row, column)| (row as f32, column as f32))));
+        Self { angles, ..self }
     }
 
     /// Divisor of a pixel behind a filter.
@@ -76,7 +88,15 @@ impl LensShading {
         let at = (dy * dy + dx * dx).sqrt() * self.nodes_per_px;
         let table = &self.tables[filter];
         let k = (at as usize).min(table.len() - 2);
-        table[k] + (table[k + 1] - table[k]) * (at - k as f32).min(1.0)
+        let illumination = table[k] + (table[k + 1] - table[k]) * (at - k as f32).min(1.0);
+        match &self.angles {
+            None => illumination,
+            Some((map, [first, next])) => {
+                let place =
+                    (first.0 + row as f32 * (next.0 - first.0), first.1 + column as f32 * (next.1 - first.1));
+                (illumination * map.at(filter, place)).max(MIN_DIVISOR)
+            }
+        }
     }
 }
 

@@ -1,5 +1,6 @@
 //! What a sensor is: pixels, noises, converter, mosaic, and the figures that follow from them.
 
+use super::angle::{AngularResponse, Plate};
 use super::curve::Curve;
 use super::figures::{NoiseFigures, NoiseSet};
 use super::quantile;
@@ -79,6 +80,10 @@ pub struct Sensor {
     pub per_energy: bool,
     /// Transmittances of the filters before all pixels.
     pub filters: Vec<Curve>,
+    /// Plates before all pixels whose transmittance depends on the angle of incidence.
+    pub plates: Vec<Plate>,
+    /// Response of the pixels over the angle of incidence; none: the same for all.
+    pub angle: Option<AngularResponse>,
     /// Channel of each pixel of a period.
     pub pattern: Pattern,
 }
@@ -102,6 +107,11 @@ impl Pattern {
 }
 
 impl Sensor {
+    /// Whether its signal depends on the directions of the light.
+    pub fn depends_on_angles(&self) -> bool {
+        self.angle.is_some() || !self.plates.is_empty()
+    }
+
     /// Area that the quantum efficiency is stated for, m².
     pub fn area_m2(&self) -> f64 {
         let side = match self.pixel.quantum_efficiency_of {

@@ -1,6 +1,7 @@
 //! Weights of the film's bands behind the filters of a sensor.
 //!
-//!   w_cb = ∫ hat_b(λ) · λ/(hc) · QE_c(λ) · ΠT(λ) dλ   (nm/J)
+//!   w_cb(s) = ∫ hat_b(λ) · λ/(hc) · QE_c(λ) · ΠT(λ, s) dλ   (nm/J)        s: sine of the angle of incidence on plates ([`super::angle`]), 0 unless said
+//!
 //! Between bands E is linear in λ, so hat_b is the triangle between a band's neighbours; before the first and after the last band E stays
 //! constant for half a spacing; a single band represents 10 nm. QE and transmittances are linear between their nodes and 0 outside their tables.
 //! Three Gauss points on every piece between nodes are exact: at most five linear factors (hat, λ, QE, two transmittances).
@@ -18,33 +19,48 @@ const GAUSS: [(f64, f64); 3] =
 const SINGLE_BAND_HALF_NM: f64 = 5.0;
 
 impl Sensor {
-    /// Electrons per photon of a wavelength on the area of [`Sensor::area_m2`], filters included.
+    /// Electrons per photon of a wavelength on the area of [`Sensor::area_m2`], filters and plates included, at normal incidence.
     pub fn quantum_efficiency(&self, channel: usize, nm: f64) -> f64 {
         let value = self.channels[channel].curve.at(nm);
         let value = if self.per_energy { value / nm } else { value };
-        self.filters.iter().fold(value, |v, filter| v * filter.at(nm))
+        self.behind_filters(value, nm, 0.0)
     }
 
-    /// Electrons per joule of a wavelength, filters included.
+    /// Electrons per joule of a wavelength, filters and plates included, at normal incidence.
     pub fn response_e_per_j(&self, channel: usize, nm: f64) -> f64 {
+        self.response_at(channel, nm, 0.0)
+    }
+
+    /// [`Sensor::response_e_per_j`] behind plates at the square of the sine of the angle of incidence.
+    fn response_at(&self, channel: usize, nm: f64, sine_square: f64) -> f64 {
         let value = self.channels[channel].curve.at(nm) * (1e-9 / HC_J_M);
         let value = if self.per_energy { value } else { value * nm };
-        self.filters.iter().fold(value, |v, filter| v * filter.at(nm))
+        self.behind_filters(value, nm, sine_square)
     }
 
-    /// Nodes of all curves in a channel's response, ascending, nm.
+    fn behind_filters(&self, value: f64, nm: f64, sine_square: f64) -> f64 {
+        let value = self.filters.iter().fold(value, |v, filter| v * filter.at(nm));
+        self.plates.iter().fold(value, |v, plate| v * plate.at(nm, sine_square))
+    }
+
+    /// Nodes of all curves in a channel's response at normal incidence, ascending, nm.
     pub fn nodes_nm(&self, channel: usize) -> Vec<f64> {
+        self.nodes_at(channel, 0.0)
+    }
+
+    fn nodes_at(&self, channel: usize, sine_square: f64) -> Vec<f64> {
         let curves = self.filters.iter().chain([&self.channels[channel].curve]);
         let mut nodes: Vec<f64> = curves.flat_map(|c| c.wavelengths_nm.iter().copied()).collect();
+        nodes.extend(self.plates.iter().flat_map(|plate| plate.nodes_nm(sine_square)));
         nodes.sort_by(f64::total_cmp);
         nodes.dedup();
         nodes
     }
 
-    /// ∫ response · f over `low`..`high`, exact where f is linear between the ends.
+    /// ∫ response · f over `low`..`high` at the square of a sine, exact where f is linear between the ends and plates do not absorb.
     fn integral(
         &self,
-        channel: usize,
+        (channel, sine_square): (usize, f64),
         nodes: &[f64],
         (low, high): (f64, f64),
         f: impl Fn(f64) -> f64,
@@ -54,14 +70,20 @@ impl Sensor {
         let piece = |(x, weight): (f64, f64), ends: &[f64]| {
             let (mid, half) = ((ends[1] + ends[0]) / 2.0, (ends[1] - ends[0]) / 2.0);
             let nm = mid + half * x;
-            weight * half * f(nm) * self.response_e_per_j(channel, nm)
+            weight * half * f(nm) * self.response_at(channel, nm, sine_square)
         };
         GAUSS.iter().map(|&g| cuts.windows(2).map(|ends| piece(g, ends)).sum::<f64>()).sum()
     }
 
     /// w_cb of a channel for the film's bands, ascending in wavelength, nm/J.
     pub fn band_weights(&self, channel: usize, bands_nm: &[f64]) -> Vec<f64> {
-        let (nodes, w) = (self.nodes_nm(channel), bands_nm);
+        self.band_weights_at(channel, bands_nm, 0.0)
+    }
+
+    /// [`Sensor::band_weights`] behind plates at the square of the sine of the angle of incidence.
+    pub(super) fn band_weights_at(&self, channel: usize, bands_nm: &[f64], sine_square: f64) -> Vec<f64> {
+        let (nodes, w) = (self.nodes_at(channel, sine_square), bands_nm);
+        let channel = (channel, sine_square);
         let flat = |low, high| self.integral(channel, &nodes, (low, high), |_| 1.0);
         let last = w.len() - 1;
         if last == 0 {
@@ -91,7 +113,7 @@ impl Sensor {
     pub fn share_outside(&self, channel: usize, bands_nm: &[f64]) -> f64 {
         let nodes = self.nodes_nm(channel);
         let (Some(&low), Some(&high)) = (nodes.first(), nodes.last()) else { return 0.0 };
-        let all = self.integral(channel, &nodes, (low, high), |_| 1.0);
+        let all = self.integral((channel, 0.0), &nodes, (low, high), |_| 1.0);
         let inside: f64 = self.band_weights(channel, bands_nm).iter().sum();
         if all > 0.0 { (1.0 - inside / all).max(0.0) } else { 0.0 }
     }

@@ -9,16 +9,17 @@
 //! Same bits: a pixel's sum runs over film rows, then film columns, then bands, each ascending, for any blocks and threads.
 
 use super::Sensor;
+use super::field_weights::{FieldWeights, interpolated};
 use super::pixels::Taps;
 use crate::flow::{ChartSource, SourceSinkError};
 use crate::geometry::Rect;
 use std::ops::Range;
-use std::sync::Mutex;
 use std::sync::atomic::{AtomicBool, AtomicUsize, Ordering};
+use std::sync::{Arc, Mutex};
 
-/// Weights of the bands of a film for each filter.
+/// Weights of the bands of a film for each filter, and what they have in addition where they differ over the sensor.
 #[derive(Clone, Debug, PartialEq)]
-pub struct BandWeights(Vec<Vec<f64>>);
+pub struct BandWeights(Vec<Vec<f64>>, Option<Arc<FieldWeights>>);
 
 impl BandWeights {
     /// Electrons per second of a mean spectral irradiance (W m⁻² nm⁻¹), times `factors`, the irradiance of a film value of 1 in each band.
@@ -28,12 +29,18 @@ impl BandWeights {
             let weights = sensor.band_weights(channel, bands_nm);
             std::iter::zip(weights, factors).map(|(w, f)| w * area * f).collect()
         };
-        Self((0..sensor.channels.len()).map(of).collect())
+        Self((0..sensor.channels.len()).map(of).collect(), None)
+    }
+
+    /// With those of the directions of the light, made with the same factors.
+    #[must_use]
+    pub fn with_field(self, field: Option<Arc<FieldWeights>>) -> Self {
+        Self(self.0, field)
     }
 
     /// The same weights behind every filter.
     pub fn uniform(sensor: &Sensor, weights: &[f64]) -> Self {
-        Self(vec![weights.to_vec(); sensor.channels.len()])
+        Self(vec![weights.to_vec(); sensor.channels.len()], None)
     }
 }
 
@@ -68,6 +75,8 @@ struct ColumnBlock {
     columns: Range<usize>,
     /// Film columns in their sums.
     film: Range<usize>,
+    /// Nodes of each plane's field around each column.
+    nodes: Vec<Vec<(usize, [f64; 4])>>,
     /// Sums over film rows of unfinished sensor rows: band, sensor row, film column.
     carry: Vec<f64>,
 }
@@ -80,6 +89,8 @@ struct Scratch {
     total: Vec<f64>,
     /// Weights of a band by plane, row of the mosaic and column of the column block.
     weights: Vec<f64>,
+    /// Where they differ over the sensor: what they have in addition at the nodes along a row, by column of the mosaic.
+    lines: Vec<Vec<f64>>,
 }
 
 /// Rows that a pass delivers: the first (of the window), and for each plane their pixels.
@@ -134,12 +145,20 @@ impl Pass<'_> {
             let columns = x..end;
             column_blocks.push(Mutex::new(ColumnBlock {
                 film: self.columns.span(columns.clone()),
+                nodes: self.planes.iter().map(|plane| self.nodes(plane, &columns)).collect(),
                 columns,
                 carry: Vec::new(),
             }));
             x = end;
         }
         column_blocks
+    }
+
+    /// Nodes of the field of `plane` around `columns` of the window.
+    fn nodes(&self, plane: &BandWeights, columns: &Range<usize>) -> Vec<(usize, [f64; 4])> {
+        let first = self.window.x as usize;
+        let of = |field: &Arc<FieldWeights>| field.column_taps(columns.clone().map(|x| first + x));
+        plane.1.as_ref().map_or_else(Vec::new, of)
     }
 
     fn block_of(
@@ -191,7 +210,7 @@ impl Pass<'_> {
         scratch: &mut Scratch,
     ) -> Result<(), SourceSinkError> {
         let (n, across) = (column_block.columns.len(), column_block.film.len());
-        let Scratch { film, sum, total, weights } = scratch;
+        let Scratch { film, sum, total, weights, lines } = scratch;
         let copies = self.rows.is_copy() && self.columns.is_copy();
         film.resize(block.film.len() * across, 0.0);
         sum.resize(across, 0.0);
@@ -210,6 +229,7 @@ impl Pass<'_> {
             for row in block.finished.start..block.open.end {
                 let own = (row - block.finished.start, block.finished.len());
                 if copies {
+                    self.weigh_row(band, row, column_block, weights, lines);
                     let line = &film[(self.rows.range(row).start - block.film.start) * across..][..across];
                     self.add_copy(row, line, weights, own, total);
                     continue;
@@ -226,6 +246,7 @@ impl Pass<'_> {
                     carry[(band * open + k) * across..][..across].copy_from_slice(sum);
                     continue;
                 }
+                self.weigh_row(band, row, column_block, weights, lines);
                 self.add_columns(row, column_block, sum, weights, own, total);
             }
         }
@@ -254,6 +275,34 @@ impl Pass<'_> {
             for row in 0..pattern.rows {
                 let of = |x: usize| plane.0[pattern.channel(row, first + x)][band];
                 weights.extend(column_block.columns.clone().map(of));
+            }
+        }
+    }
+
+    /// Those of row `row` of the window, where they differ over the sensor.
+    fn weigh_row(
+        &self,
+        band: usize,
+        row: usize,
+        column_block: &ColumnBlock,
+        weights: &mut [f64],
+        lines: &mut Vec<Vec<f64>>,
+    ) {
+        let (pattern, n) = (&self.sensor.pattern, column_block.columns.len());
+        let row = self.window.y as usize + row;
+        let phase = row % pattern.rows;
+        let channels = &pattern.channels[phase * pattern.columns..][..pattern.columns];
+        let first = self.window.x as usize + column_block.columns.start;
+        for (p, (plane, nodes)) in self.planes.iter().zip(&column_block.nodes).enumerate() {
+            let Some(field) = &plane.1 else { continue };
+            lines.resize_with(pattern.columns, Vec::new);
+            for (line, channel) in lines.iter_mut().zip(channels) {
+                field.line((*channel, band), row, line);
+            }
+            let to = &mut weights[(p * pattern.rows + phase) * n..][..n];
+            for (x, (to, taps)) in (first..).zip(to.iter_mut().zip(nodes)) {
+                let column = x % pattern.columns;
+                *to = plane.0[channels[column]][band] + interpolated(&lines[column], taps);
             }
         }
     }

@@ -70,6 +70,12 @@ impl<'a> Camera<'a> {
             let name = if path.exists() { path.display().to_string() } else { name.clone() };
             let sensor = open_sensor(&name, &[])?.sensor(recipe.film.pitch_um);
             of_spectrum(&sensor, &nm, Path::new("of the data set"))?;
+            if sensor.depends_on_angles() {
+                return Err(usage(format!(
+                    "sensor.name: the response of {} depends on the angle of incidence, which data sets do not have; leave `angle` and `plate` out, or make raws by `lenscube sensor`",
+                    sensor.name
+                )));
+            }
             sensors.push(sensor);
         }
         let weights_of = |sensor: &Sensor| {

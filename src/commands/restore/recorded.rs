@@ -6,6 +6,7 @@ use crate::args::RestoreArgs;
 use crate::failure::{Coded, code, usage};
 use crate::film::reported;
 use crate::job::TAILS;
+use crate::job::recorded_lens::RecordedLens;
 use anyhow::{Context, Result};
 use formats::chart::{ChartOptions, ChartStore, NanPolicy};
 use formats::film::{FilmSpec, FilmStore};
@@ -17,17 +18,6 @@ use std::path::PathBuf;
 
 /// Bytes of decoded chunks of the film.
 const CACHE_BYTES: usize = 64 << 20;
-/// Flags of a design that are read back from its record.
-const OF_DESIGN: [&str; 7] = [
-    "--focus-m",
-    "--image-plane",
-    "--aiming",
-    "--configuration",
-    "--coatings",
-    "--energy",
-    "--max-window-px",
-];
-
 /// A complete film.
 pub struct Recorded {
     store: FilmStore,
@@ -48,15 +38,8 @@ impl Recorded {
         let options =
             ChartOptions { cache_bytes: CACHE_BYTES, nan: NanPolicy::Error, ..ChartOptions::default() };
         let pixels = ChartStore::open(&format!("{}//film", args.film.display()), options)?;
-        let record = |part: &str| store.provenance().get(part).cloned().unwrap_or_default();
-        let (job, source) = (record("job"), record("source"));
-        let lens = args.lens.clone().or_else(|| source["lens"].as_str().map(str::to_owned));
-        let lens = lens.ok_or_else(|| {
-            usage(format!("film {} does not record its lens: give --lens", args.film.display()))
-        })?;
-        let mut flags = vec![format!("--lens={lens}")];
-        flags.extend(of_design(&source["lens_request"]["flags"])?);
-        flags.extend(of_job(&job));
+        let RecordedLens { name: lens, mut flags, .. } = RecordedLens::new(&store, args.lens.as_deref())?;
+        flags.extend(of_job(&store.provenance().get("job").cloned().unwrap_or_default()));
         flags.extend(args.threads.map(|n| format!("--threads={n}")));
         Ok(Self { store, pixels, lens, flags })
     }
@@ -160,26 +143,6 @@ fn check_complete(store: &FilmStore) -> Result<()> {
         }
         .into()),
     }
-}
-
-/// Flags of the record of a design.
-fn of_design(record: &Value) -> Result<Vec<String>> {
-    let mut flags = Vec::new();
-    for (flag, value) in record.as_object().into_iter().flatten() {
-        let value = value.as_str().unwrap_or_default();
-        let is_default = ["nothing", "[]"].contains(&value);
-        match OF_DESIGN.contains(&flag.as_str()) {
-            _ if is_default => {}
-            true => flags.push(format!("{flag}={value}")),
-            false => {
-                return Err(usage(format!(
-                    "the film was made with {flag}, which its record does not describe completely: make the lens a pack by `lenscube lens trace` with this \
-                     flag, and the film with that pack"
-                )));
-            }
-        }
-    }
-    Ok(flags)
 }
 
 /// Flags of the identity of a job.

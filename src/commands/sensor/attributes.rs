@@ -2,6 +2,7 @@
 
 use super::exposure_times::ExposureTimes;
 use super::resolve::{RawJob, Source, empty};
+use crate::camera::shading::RESPONSE_MAP;
 use crate::film::digest;
 use crate::progress::mib;
 use crate::progress::{log_line, plural};
@@ -82,7 +83,7 @@ impl RawJob {
             .enumerate()
             .map(|(c, n)| ((*n).to_owned(), json!(s.band_weights(c, &wavelengths_nm))))
             .collect();
-        object! {
+        let mut attributes = object! {
             "provenance": json!({
                 "program": concat!("lenscube ", env!("CARGO_PKG_VERSION")),
                 "job_digest": digest(&identity),
@@ -111,7 +112,12 @@ impl RawJob {
             "film": film,
             "film_scale": times.scale,
             "signal_identity": self.signal_identity,
+        };
+        let response_map = self.response_map();
+        if !response_map.is_null() {
+            attributes.insert(RESPONSE_MAP.into(), response_map);
         }
+        attributes
     }
 
     /// Prints what is known before any pixel.

@@ -1,5 +1,6 @@
 //! What determines the pixels of a raw, readable; and its attributes.
 
+use super::directions::Directions;
 use super::film::Film;
 use super::geometry::Geometry;
 use crate::args::ExposeArgs;
@@ -15,13 +16,22 @@ const NUMERIC_VERSION: u32 = 1;
 const FIRST_FIGURES: usize = 9;
 
 /// What determines the signal: film, the optical part of the sensor, geometry.
-pub fn of_signal(film: &Film, sensor: &Sensor, geometry: &Geometry) -> Value {
-    json!({
+pub fn of_signal(
+    film: &Film,
+    sensor: &Sensor,
+    geometry: &Geometry,
+    directions: Option<&Directions>,
+) -> Value {
+    let mut signal = json!({
         "film": film.identity,
         "film_factors": digest(&json!(film.factors)),
         "optics": optics(sensor),
         "geometry": geometry.identity(),
-    })
+    });
+    if let Some(directions) = directions {
+        signal["directions"] = directions.identity();
+    }
+    signal
 }
 
 /// Digest of the optical parameters of a sensor.
@@ -30,7 +40,7 @@ pub fn optics(sensor: &Sensor) -> String {
         sensor.channels.iter().map(|c| json!([c.curve.wavelengths_nm, c.curve.values])).collect();
     let filters: Vec<Value> = sensor.filters.iter().map(|f| json!([f.wavelengths_nm, f.values])).collect();
     let p = &sensor.pixel;
-    digest(&json!({
+    let mut optics = json!({
         "pitch_um": p.pitch_um,
         "aperture_um": p.aperture_um,
         "of_pixel": p.quantum_efficiency_of == QuantumEfficiencyOf::Pixel,
@@ -39,7 +49,11 @@ pub fn optics(sensor: &Sensor) -> String {
         "filters": filters,
         "pattern": [sensor.pattern.rows, sensor.pattern.columns],
         "channels": sensor.pattern.channels,
-    }))
+    });
+    if sensor.depends_on_angles() {
+        optics["angle"] = format!("{:?} {:?}", sensor.angle, sensor.plates).into();
+    }
+    digest(&optics)
 }
 
 /// Digest of the electronic parameters of a sensor.

@@ -1,5 +1,6 @@
 //! The signal that a raw kept, with which other exposures need no film.
 
+use crate::camera::shading::RESPONSE_MAP;
 use crate::failure::usage;
 use anyhow::{Context, Result, bail};
 use formats::chart::{ChartOptions, ChartStore};
@@ -23,6 +24,8 @@ pub struct Kept {
     pub wavelengths_nm: Vec<f64>,
     /// Whether the film's values are relative.
     pub relative: bool,
+    /// The response over angles of incidence; null without.
+    pub response_map: Value,
 }
 
 impl Kept {
@@ -51,6 +54,7 @@ impl Kept {
             signal_identity: a("signal_identity"),
             relative: a("film")["relative"].as_bool().context("the raw does not record its film")?,
             film: a("film"),
+            response_map: a(RESPONSE_MAP),
             wavelengths_nm: serde_json::from_value(a("film_wavelengths_nm"))?,
             store: ChartStore::open_at(path, SIGNAL, options)?,
             spec: raw.spec().clone(),

@@ -8,6 +8,7 @@ use super::raw;
 use super::resolve::RawJob;
 use crate::args::ExposeArgs;
 use crate::camera::frame::Frame;
+use crate::camera::shading::gain_maps;
 use crate::failure::{code, replacing_other_job, usage};
 use crate::machine::threads;
 use crate::outputs::check_absent;
@@ -247,6 +248,7 @@ fn convert(
             noise: noise_profile(job, frame.exposure_s()),
             exposure_s: frame.exposure_s(),
             iso: sensor.adc.base_iso.map(|iso| iso * frame.gain),
+            gain_maps: gain_maps(&frame)?,
             description: &comment,
         };
         let numbers = |rows| read(rows).map(|all| all.iter().map(|v| *v as u16).collect());

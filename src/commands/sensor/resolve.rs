@@ -1,5 +1,6 @@
 //! Flags resolved: film or kept signal, sensor, geometry, exposure, memory. What can fail early fails here, before any pixel.
 
+use super::directions::Directions;
 use super::exposure::{Times, time};
 use super::film::{Film, FilmPlane};
 use super::geometry::{Geometry, check_pitch, check_rois};
@@ -9,6 +10,7 @@ use super::open::open_sensor;
 use super::{identity, warnings};
 use crate::args::ExposeArgs;
 use crate::camera::frame::split_group;
+use crate::camera::shading::recorded;
 use crate::failure::usage;
 use crate::job::light_units;
 use crate::machine::{MemoryLimit, threads};
@@ -52,6 +54,8 @@ pub struct RawJob {
     pub exposure: Exposure,
     pub(super) outputs: Vec<Output>,
     pub(super) keep_signal: bool,
+    /// Directions of the film's light, where the sensor depends on them.
+    directions: Option<Directions>,
     /// All that changes pixels.
     pub identity: Map<String, Value>,
     pub(super) signal_identity: Value,
@@ -93,6 +97,8 @@ impl RawJob {
         let geometry = Geometry::new(&sensor, &opened.plane, args)?;
         let mut notes = warnings::of_spectrum(&sensor, &opened.wavelengths_nm, &opened.path)?;
         notes.extend(geometry.warning());
+        let directions = Directions::of_film(&opened, args, &sensor, &geometry)?;
+        notes.extend(directions.iter().map(Directions::note));
         let relative = opened.relative;
         if !relative && (args.film_lux.is_some() || args.film_scale.is_some()) {
             return Err(usage(format!(
@@ -115,9 +121,11 @@ impl RawJob {
         };
         let memory = Memory::plan(limit, threads, &needs)?;
         let opened = Film::open(film, args, memory.cache)?;
-        let signal_identity = identity::of_signal(&opened, &sensor, &geometry);
+        let signal_identity = identity::of_signal(&opened, &sensor, &geometry, directions.as_ref());
         let source = Source::Film(Box::new(opened), geometry);
-        Self::with(args, source, (file, sensor), times, memory, (signal_identity, relative, size), notes)
+        let signal = (signal_identity, relative, size);
+        let job = Self::with(args, source, (file, sensor), times, memory, signal, notes)?;
+        Ok(Self { directions, ..job })
     }
 
     fn of_kept(
@@ -131,9 +139,10 @@ impl RawJob {
             || args.center != (0.0, 0.0)
             || args.resample != Resample::Cubic
             || args.coarse_film;
-        if geometry_flags || args.f_number.is_some() || args.film_lux.is_some() {
+        let of_light = args.f_number.is_some() || args.lens.is_some() || args.chief_ray_angles.is_some();
+        if geometry_flags || of_light || args.film_lux.is_some() {
             return Err(usage(format!(
-                "{}: its signal is already that of a sensor: --size, --center, --resample, --coarse-film, --f-number and --film-lux are for films",
+                "{}: its signal is already that of a sensor: --size, --center, --resample, --coarse-film, --f-number, --lens, --chief-ray-angles and --film-lux are for films",
                 path.display()
             )));
         }
@@ -205,6 +214,7 @@ impl RawJob {
             film_lux: args.film_lux,
             film_scale: args.film_scale,
             keep_signal: args.keep_signal,
+            directions: None,
             source,
             file,
             sensor,
@@ -232,10 +242,23 @@ impl RawJob {
 
     /// Weights of the planes that a pass over the film makes: the signal, and the illuminance if it is summed.
     pub fn planes(&self, film: &Film, with_lux: bool) -> Vec<BandWeights> {
-        let signal = BandWeights::electrons(&self.sensor, &film.wavelengths_nm, &film.factors);
+        let field = |of: &Directions| of.weights(film, &self.sensor, self.memory.threads);
+        let signal = BandWeights::electrons(&self.sensor, &film.wavelengths_nm, &film.factors)
+            .with_field(self.directions.as_ref().map(field));
         let lux = illuminance_weights(&film.wavelengths_nm);
         let lux = BandWeights::uniform(&self.sensor, &lux);
         if with_lux { vec![signal, lux] } else { vec![signal] }
+    }
+
+    /// The response of the filters over angles of incidence, as a raw records it; null without.
+    pub(super) fn response_map(&self) -> Value {
+        match (&self.source, &self.directions) {
+            (Source::Film(film, _), Some(directions)) => {
+                recorded(&directions.response_map(film, &self.sensor, self.memory.threads), &self.sensor)
+            }
+            (Source::Film(..), None) => Value::Null,
+            (Source::Kept(kept), _) => kept.response_map.clone(),
+        }
     }
 
     /// Whether the film's values are relative.

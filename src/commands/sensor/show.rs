@@ -10,6 +10,7 @@ use formats::picture::style::Colour;
 use formats::sensor::{SensorFile, builtin_names};
 use pipeline::colour::Illuminant;
 use pipeline::geometry::Size;
+use pipeline::sensor::angle::{Microlenses, PlateKind, radians, slope};
 use pipeline::sensor::emva::Bench;
 use pipeline::sensor::figures::{Over, Quantity};
 use pipeline::sensor::{NoiseSet, Sensor};
@@ -74,6 +75,7 @@ fn figures(file: &SensorFile, s: &Sensor) -> Vec<String> {
         format!("  fixed patterns    {}", noises(s, Over::Die)),
         format!("  dynamic range     {:.1} dB", 20.0 * s.dynamic_range().log10()),
     ];
+    lines.extend(angles(s));
     for (c, channel) in s.channels.iter().enumerate() {
         let (nm, peak) = peak(s, c);
         let d65 = s.electrons_per_lux_second(c, Illuminant::D65);
@@ -96,6 +98,43 @@ fn figures(file: &SensorFile, s: &Sensor) -> Vec<String> {
     lines.push("  sources".into());
     for source in file.sources() {
         lines.push(format!("    {:<26} {}", source.field, source.text));
+    }
+    lines
+}
+
+/// What depends on the angle of incidence.
+fn angles(s: &Sensor) -> Vec<String> {
+    let mut lines = Vec::new();
+    if let Some(angle) = &s.angle {
+        let shifted = match &angle.microlenses {
+            Microlenses::Centred => "centred".into(),
+            Microlenses::OfLens => "shifted for the chief rays of the film's lens".into(),
+            Microlenses::Table(rows) => {
+                let (height_mm, sine) = rows[rows.len() - 1];
+                let degrees = pipeline::real::asin(sine).to_degrees();
+                format!("shifted for a table of chief rays, {degrees:.1} degrees at {height_mm} mm")
+            }
+        };
+        let at = |degrees: f64| {
+            let sine = pipeline::real::sin(radians(degrees));
+            let responses = angle
+                .channels
+                .iter()
+                .map(|c| format!("{:.1}", 100.0 * c.at([slope(sine, angle.stack_index), 0.0])));
+            format!("{degrees} degrees {} %", responses.collect::<Vec<_>>().join(", "))
+        };
+        lines.push(format!(
+            "  angles            response of each filter along rows {}; microlenses {shifted}; stack index {}",
+            [10.0, 20.0, 30.0].map(at).join(", "),
+            angle.stack_index
+        ));
+    }
+    for plate in &s.plates {
+        let kind = match plate.kind {
+            PlateKind::Interference => "interference",
+            PlateKind::Absorbing => "absorbing",
+        };
+        lines.push(format!("  plate             {kind}, index {}", plate.index));
     }
     lines
 }

@@ -35,6 +35,8 @@ pub(crate) fn example() -> Sensor {
         channels: ["R", "G", "B"].map(channel).into(),
         per_energy: false,
         filters: vec![],
+        plates: vec![],
+        angle: None,
         pattern: Pattern { rows: 2, columns: 2, channels: vec![0, 1, 1, 2] },
     }
 }

@@ -57,7 +57,7 @@ fn signal(
     let (rows, columns) = (y.taps(wy, Resample::Cubic).unwrap(), x.taps(wx, Resample::Cubic).unwrap());
     let weights: Vec<Vec<f64>> =
         (0..3).map(|c| (0..film.bands.len()).map(|b| (c * 5 + b + 1) as f64).collect()).collect();
-    let planes = [BandWeights(weights)];
+    let planes = [BandWeights(weights, None)];
     let cancel = AtomicBool::new(false);
     let pass = Pass {
         film,

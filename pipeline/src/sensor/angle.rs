@@ -1,0 +1,307 @@
+//! The response of pixels to light from the side, and of plates in front of them.
+//!
+//! A ray of direction cosines p = (right, down) in air has in the layers between microlens and photodiode (index n) the slope
+//!
+//! ```text
+//! u(p) = p / √(n² − |p|²)                          it lands h·u beside the foot of its microlens, h: height of the layers
+//! v    = u(p) − u_0(r) e                           e: away from the axis; u_0: the slope of the chief ray for which the microlens at r is shifted
+//! ```
+//! The response relative to perpendicular light, S_c of filter c, is a function of v alone, so h is not needed:
+//!
+//! ```text
+//! model:     S = 2^−(|v| / v_½)^k                  v_½: slope at the angle of half response, k: 2 (Gaussian), 4, 6 or 8
+//! table:     S(|v|), or H(v_right) V(v_down)       linear in the slope between measured angles, the last value beyond, divided by the value at 0
+//! ```
+//! A plate of index n_p with transmittance T(λ) at normal incidence has at the sine s of the angle
+//!
+//! ```text
+//! interference:  T(λ, s) = T(λ / √(1 − s²/n_p²))                  edges move to shorter wavelengths; n_p: effective index of the layers
+//! absorbing:     T(λ, s) = T̂ (T(λ)/T̂)^(1/√(1 − s²/n_p²))         the way in the glass is longer; T̂: largest T, which surfaces leave, as at normal incidence
+//! ```
+//! A pixel's signal is the mean over its cone of directions ([`crate::lens::cone`]) of S times the response behind the plates.
+//! Sources: P. B. Catrysse, X. Liu and A. El Gamal, Proc. SPIE 3965, 420 (2000), pixel vignetting; H. A. Macleod, Thin-Film Optical Filters, effective index.
+//! Left out: S that depends on wavelength other than by filter, light that lands in a neighbour, polarisation, reflections between plates.
+
+use super::curve::Curve;
+use super::quantile::{exp, ln};
+use crate::lens::cone::Cone;
+use crate::real;
+use std::f64::consts::{LN_2, PI, TAU};
+
+/// The response of a sensor's pixels over the angle of incidence.
+#[derive(Clone, Debug, PartialEq)]
+pub struct AngularResponse {
+    /// Index of the layers between microlenses and photodiodes.
+    pub stack_index: f64,
+    /// For which chief rays the microlenses are shifted.
+    pub microlenses: Microlenses,
+    /// Of each channel.
+    pub channels: Vec<Acceptance>,
+}
+
+/// Shift of the microlenses towards the axis.
+#[derive(Clone, Debug, PartialEq)]
+pub enum Microlenses {
+    /// None.
+    Centred,
+    /// That for the chief rays of the lens of the film.
+    OfLens,
+    /// That for the chief rays of a table: heights, mm, ascending from 0, and sines of their angles.
+    Table(Vec<(f64, f64)>),
+}
+
+/// Response of a channel over the slope in the layers.
+#[derive(Clone, Debug, PartialEq)]
+pub enum Acceptance {
+    /// 2^−(|v|/v_½)^k.
+    Model {
+        /// v_½.
+        half_slope: f64,
+        /// k/2.
+        half_exponent: u32,
+    },
+    /// The same in all directions.
+    Radial(SlopeTable),
+    /// The product of one along columns and one along rows.
+    Separable {
+        /// Over slopes to the right.
+        horizontal: SlopeTable,
+        /// Over slopes down.
+        vertical: SlopeTable,
+    },
+}
+
+/// A response over slopes, 1 at 0.
+#[derive(Clone, Debug, PartialEq)]
+pub struct SlopeTable {
+    slopes: Vec<f64>,
+    values: Vec<f64>,
+}
+
+impl SlopeTable {
+    /// From sines of angles in air, ascending, with 0 between the first and the last, and their `responses`, which are divided by the one at 0.
+    pub fn new(sines: &[f64], responses: &[f64], stack_index: f64) -> Self {
+        let slopes = sines.iter().map(|s| slope(*s, stack_index)).collect();
+        let mut table = Self { slopes, values: responses.to_vec() };
+        let at_zero = table.at(0.0);
+        table.values.iter_mut().for_each(|v| *v /= at_zero);
+        table
+    }
+
+    fn at(&self, slope: f64) -> f64 {
+        let (x, y) = (&self.slopes, &self.values);
+        let i = x.partition_point(|v| *v <= slope);
+        match i {
+            0 => y[0],
+            i if i == x.len() => y[i - 1],
+            i => y[i - 1] + (y[i] - y[i - 1]) * ((slope - x[i - 1]) / (x[i] - x[i - 1])),
+        }
+    }
+}
+
+/// Slope in a medium of index `index` of a ray with the sine `sine` in air.
+pub fn slope(sine: f64, index: f64) -> f64 {
+    sine / (index * index - sine * sine).sqrt()
+}
+
+impl Acceptance {
+    /// The response at slopes to the right and down, 1 at 0.
+    pub fn at(&self, [right, down]: [f64; 2]) -> f64 {
+        let square = right * right + down * down;
+        match self {
+            Self::Model { half_slope, half_exponent } => {
+                let ratio = square / (half_slope * half_slope);
+                let power = (1..*half_exponent).fold(ratio, |power, _| power * ratio);
+                exp(-LN_2 * power)
+            }
+            Self::Radial(table) => table.at(square.sqrt()),
+            Self::Separable { horizontal, vertical } => horizontal.at(right) * vertical.at(down),
+        }
+    }
+}
+
+impl AngularResponse {
+    /// The slope for which the microlens at `height_mm` is shifted; `chief` is that of the lens there.
+    fn shift(&self, height_mm: f64, chief: f64) -> f64 {
+        let sine = match &self.microlenses {
+            Microlenses::Centred => return 0.0,
+            Microlenses::OfLens => chief,
+            Microlenses::Table(rows) => {
+                let i = rows.partition_point(|row| row.0 <= height_mm).clamp(1, rows.len() - 1);
+                let ((a, from), (b, to)) = (rows[i - 1], rows[i]);
+                from + (to - from) * ((height_mm - a) / (b - a)).min(1.0)
+            }
+        };
+        slope(sine, self.stack_index)
+    }
+
+    /// Response of each channel to the ray `direction` (right, down) at the place `(height_mm, away)`, of which `away` (right, down) is the unit vector away from the axis.
+    pub(super) fn responses<'a>(
+        &'a self,
+        direction: [f64; 2],
+        (height_mm, away): (f64, [f64; 2]),
+        chief: f64,
+    ) -> impl Iterator<Item = f64> + use<'a> {
+        let [x, y] = direction;
+        let per_sine = 1.0 / (self.stack_index * self.stack_index - x * x - y * y).sqrt();
+        let shift = self.shift(height_mm, chief);
+        let v = [x * per_sine - shift * away[0], y * per_sine - shift * away[1]];
+        self.channels.iter().map(move |channel| channel.at(v))
+    }
+}
+
+/// How a plate's transmittance depends on the angle.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum PlateKind {
+    /// Thin layers.
+    Interference,
+    /// Coloured glass.
+    Absorbing,
+}
+
+/// A plate in front of all pixels: cover glass or filter.
+#[derive(Clone, Debug, PartialEq)]
+pub struct Plate {
+    /// Transmittance at normal incidence.
+    pub curve: Curve,
+    /// Its dependence on the angle.
+    pub kind: PlateKind,
+    /// Index, or effective index of the layers.
+    pub index: f64,
+}
+
+impl Plate {
+    /// cos of the angle in the plate for the square of the sine in air.
+    fn cosine(&self, sine_square: f64) -> f64 {
+        (1.0 - sine_square / (self.index * self.index)).sqrt()
+    }
+
+    /// Transmittance at `nm`.
+    pub fn at(&self, nm: f64, sine_square: f64) -> f64 {
+        if sine_square == 0.0 {
+            return self.curve.at(nm);
+        }
+        let cosine = self.cosine(sine_square);
+        match self.kind {
+            PlateKind::Interference => self.curve.at(nm / cosine),
+            PlateKind::Absorbing => {
+                let value = self.curve.at(nm);
+                let top = self.curve.values.iter().copied().fold(0.0, f64::max);
+                if value > 0.0 { top * exp(ln(value / top) / cosine) } else { 0.0 }
+            }
+        }
+    }
+
+    /// Wavelengths between which the transmittance is smooth, nm.
+    pub fn nodes_nm(&self, sine_square: f64) -> impl Iterator<Item = f64> {
+        let scale = match self.kind {
+            PlateKind::Interference if sine_square > 0.0 => self.cosine(sine_square),
+            _ => 1.0,
+        };
+        self.curve.wavelengths_nm.iter().map(move |nm| nm * scale)
+    }
+}
+
+/// Radii of the rule over a cone, and directions around its middle.
+/// Of tables the rule blunts kinks: with angles 10 degrees apart means are wrong by up to 1e-3.
+const RINGS: usize = 8;
+const SPOKES: usize = 16;
+
+/// Nodes (along, across) of the unit disc and their weights, of sum 1: exact for polynomials up to degree 15.
+pub(super) fn disc() -> Vec<([f64; 2], f64)> {
+    let mut nodes = Vec::with_capacity(RINGS * SPOKES);
+    // Even area: Gauss's rule over the square of the radius.
+    for (square, weight) in crate::design::quadrature::unit_interval(RINGS).iter() {
+        let radius = square.sqrt();
+        for spoke in 0..SPOKES {
+            let angle = TAU * (spoke as f64 + 0.5) / SPOKES as f64;
+            nodes.push(([radius * real::cos(angle), radius * real::sin(angle)], weight / SPOKES as f64));
+        }
+    }
+    nodes
+}
+
+/// Direction (along the meridian, across) of a node of the unit disc in `cone`.
+pub(super) fn in_cone(cone: &Cone, [along, across]: [f64; 2]) -> [f64; 2] {
+    [cone.centre + cone.tangential * along, cone.sagittal * across]
+}
+
+/// Radians of degrees.
+pub fn radians(degrees: f64) -> f64 {
+    degrees * (PI / 180.0)
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    fn mean(cone: &Cone, f: impl Fn(f64, f64) -> f64) -> f64 {
+        disc()
+            .into_iter()
+            .map(|(at, w)| {
+                let [l, m] = in_cone(cone, at);
+                w * f(l, m)
+            })
+            .sum()
+    }
+
+    #[test]
+    fn means_over_a_cone_have_their_closed_forms() {
+        let s: f64 = 0.4;
+        let cone = Cone { chief: 0.0, centre: 0.0, tangential: s, sagittal: s };
+        // cos⁴ of the angle of incidence: (1 − l² − m²)².
+        let found = mean(&cone, |l, m| (1.0 - l * l - m * m).powi(2));
+        assert!((found - (1.0 - s.powi(2) + s.powi(4) / 3.0)).abs() < 1e-14, "{found}");
+        // A Gaussian in the direction cosines.
+        let k = 9.0;
+        let found = mean(&cone, |l, m| (-k * (l * l + m * m)).exp());
+        let expected = (1.0 - (-k * s * s).exp()) / (k * s * s);
+        assert!((found / expected - 1.0).abs() < 1e-9, "{found} {expected}");
+        // Moments of the ellipse.
+        let cone = Cone { chief: 0.1, centre: 0.12, tangential: 0.2, sagittal: 0.3 };
+        assert!((mean(&cone, |l, _| l) - 0.12).abs() < 1e-15);
+        assert!((mean(&cone, |l, _| (l - 0.12).powi(2)) - 0.01).abs() < 1e-15);
+        assert!((mean(&cone, |_, m| m * m) - 0.0225).abs() < 1e-15);
+    }
+
+    #[test]
+    fn response_is_half_at_the_angle_of_half_response_and_one_along_a_matched_ray() {
+        let half_slope = slope(0.4, 1.6);
+        let response = AngularResponse {
+            stack_index: 1.6,
+            microlenses: Microlenses::OfLens,
+            channels: vec![
+                Acceptance::Model { half_slope, half_exponent: 1 },
+                Acceptance::Model { half_slope, half_exponent: 3 },
+            ],
+        };
+        let centred = AngularResponse { microlenses: Microlenses::Centred, ..response.clone() };
+        for found in centred.responses([0.24, 0.32], (5.0, [1.0, 0.0]), 0.3) {
+            assert!((found - 0.5).abs() < 1e-15, "{found}");
+        }
+        // The chief ray at 45 degrees to the rows.
+        let away = [0.6, 0.8];
+        for found in response.responses([0.3 * 0.6, 0.3 * 0.8], (5.0, away), 0.3) {
+            assert!((found - 1.0).abs() < 1e-15, "{found}");
+        }
+        let table = Microlenses::Table(vec![(0.0, 0.0), (4.0, 0.2), (8.0, 0.3)]);
+        let table = AngularResponse { microlenses: table, ..response };
+        assert_eq!(table.shift(2.0, 0.9), slope(0.1, 1.6));
+        assert_eq!(table.shift(9.0, 0.9), slope(0.3, 1.6));
+    }
+
+    #[test]
+    fn edge_of_an_interference_filter_moves_to_shorter_wavelengths_and_absorption_grows() {
+        let curve =
+            Curve { wavelengths_nm: vec![400.0, 640.0, 660.0, 700.0], values: vec![0.9, 0.9, 0.0, 0.0] };
+        let plate = |kind| Plate { curve: curve.clone(), kind, index: 1.8 };
+        let s2: f64 = 0.25;
+        let cosine = (1.0 - s2 / (1.8 * 1.8)).sqrt();
+        let found = plate(PlateKind::Interference).at(650.0 * cosine, s2);
+        assert!((found - 0.45).abs() < 1e-12, "{found}");
+        assert_eq!(plate(PlateKind::Interference).at(650.0, 0.0), plate(PlateKind::Absorbing).at(650.0, 0.0));
+        let absorbing = plate(PlateKind::Absorbing);
+        assert!((absorbing.at(500.0, s2) - 0.9).abs() < 1e-15);
+        assert!((absorbing.at(650.0, s2) - 0.9 * 0.5f64.powf(1.0 / cosine)).abs() < 1e-12);
+    }
+}

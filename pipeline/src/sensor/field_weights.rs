@@ -1,0 +1,224 @@
+//! Weights of the film's bands that differ over the sensor, by the directions of the light ([`super::angle`]).
+//!
+//! ```text
+//! W_cb(x, y) = Σ_i q_i S_c(p_i) w_cb(s_i)          p_i, q_i: directions of the cone at (x, y) in the band's wavelength and their shares; s_i = |p_i|
+//! ```
+//! w_cb(s) at [`SINES`] squares of the sine, cubic polynomials between. W at the nodes of a grid over the whole sensor, [`CELLS`] cells along its longer side, and at a pixel's middle cubic polynomials of W less its value for
+//! perpendicular light along both axes: so a response that is 1 everywhere leaves the weights bit for bit. A pixel's weight depends on its place on the sensor, not on windows, blocks and threads.
+
+use super::Sensor;
+use super::angle::{disc, in_cone};
+use crate::geometry::Size;
+use crate::layer::Taps;
+use crate::lens::cone::ConeTable;
+use crate::parts::for_each_part;
+use std::convert::Infallible;
+
+/// Cells along the longer side of a sensor, and along the other one at least.
+const CELLS: (usize, usize) = (96, 4);
+/// Squares of the sine at which weights behind plates are computed.
+const SINES: usize = 65;
+
+/// Weights of the bands behind each filter over the sensor.
+#[derive(Clone, Debug, PartialEq)]
+pub struct FieldWeights {
+    size: Size,
+    /// Cells along rows and columns.
+    cells: (usize, usize),
+    /// By channel and band, at the nodes row by row: W − w.
+    differences: Vec<Vec<Vec<f64>>>,
+}
+
+/// Where the sensor is in the field of the lens.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Placement {
+    /// Its pixels.
+    pub size: Size,
+    /// Pitch, mm.
+    pub pitch_mm: f64,
+    /// Its middle (down, right) from the axis, mm.
+    pub centre_mm: (f64, f64),
+}
+
+impl Placement {
+    /// Distance from the axis of the farthest corner, mm.
+    pub fn reach_mm(&self) -> f64 {
+        let far = |centre: f64, n: usize| centre.abs() + 0.5 * n as f64 * self.pitch_mm;
+        let (y, x) = (far(self.centre_mm.0, self.size.height), far(self.centre_mm.1, self.size.width));
+        (y * y + x * x).sqrt()
+    }
+}
+
+impl FieldWeights {
+    /// Those of `sensor` at `placement` for the bands `bands_nm`, of which the light has the directions `cones`, one table a band; `scales`, by band, multiply them. On `threads` threads.
+    pub fn new(
+        sensor: &Sensor,
+        (bands_nm, scales): (&[f64], &[f64]),
+        cones: &[ConeTable],
+        placement: &Placement,
+        threads: usize,
+    ) -> Self {
+        let Placement { size, .. } = *placement;
+        let longer = size.height.max(size.width);
+        let along = |n: usize| (CELLS.0 * n).div_ceil(longer).max(CELLS.1);
+        let cells = (along(size.height), along(size.width));
+        let weights = SineWeights::new(sensor, (bands_nm, scales), cones, placement.reach_mm());
+        let (rows, columns, bands) = (cells.0 + 1, cells.1 + 1, bands_nm.len());
+        let (channels, nodes) = (sensor.channels.len(), disc());
+        // Node by node: all channels and bands.
+        let mut found = vec![0.0; rows * columns * channels * bands];
+        let done: Result<(), Infallible> = for_each_part(
+            threads,
+            found.chunks_exact_mut(columns * channels * bands).enumerate(),
+            || vec![0.0; channels],
+            |responses, (row, out)| {
+                for (column, out) in out.chunks_exact_mut(channels * bands).enumerate() {
+                    let mm = |node: usize, cells: usize, n: usize, centre: f64| {
+                        (node as f64 / cells as f64 - 0.5) * n as f64 * placement.pitch_mm + centre
+                    };
+                    let y = mm(row, cells.0, size.height, placement.centre_mm.0);
+                    let x = mm(column, cells.1, size.width, placement.centre_mm.1);
+                    for (band, cones) in cones.iter().enumerate() {
+                        weights.at_node(sensor, (band, cones), (x, y), &nodes, responses, out);
+                    }
+                }
+                Ok(())
+            },
+        );
+        let Ok(()) = done;
+        let of = |channel: usize, band: usize| {
+            found.iter().skip(channel * bands + band).step_by(channels * bands).copied().collect()
+        };
+        let differences = (0..channels).map(|c| (0..bands).map(|b| of(c, b)).collect()).collect();
+        Self { size, cells, differences }
+    }
+
+    /// First node and weights of the four along the rows of a sensor for each of `columns`.
+    pub(super) fn column_taps(&self, columns: impl Iterator<Item = usize>) -> Vec<(usize, [f64; 4])> {
+        columns.map(|column| taps(middle(column), self.size.width, self.cells.1)).collect()
+    }
+
+    /// Along the row `row` of the sensor at the nodes of its columns: what `channel` and `band` have beside their weights for perpendicular light.
+    pub(super) fn line(&self, of: (usize, usize), row: usize, out: &mut Vec<f64>) {
+        self.line_at(of, middle(row), out);
+    }
+
+    fn line_at(&self, (channel, band): (usize, usize), y: f64, out: &mut Vec<f64>) {
+        let (first, weights) = taps(y, self.size.height, self.cells.0);
+        let columns = self.cells.1 + 1;
+        let rows = &self.differences[channel][band][first * columns..];
+        let at = |k: usize, column: usize| weights[k] * rows[k * columns + column];
+        out.clear();
+        out.extend((0..columns).map(|x| (at(0, x) + at(1, x)) + (at(2, x) + at(3, x))));
+    }
+
+    /// W − w of channel and band `of` at a place of the sensor in pixels from its first edges, down and right.
+    pub fn difference_at(&self, of: (usize, usize), y: f64, x: f64) -> f64 {
+        let mut line = Vec::new();
+        self.line_at(of, y, &mut line);
+        interpolated(&line, &taps(x, self.size.width, self.cells.1))
+    }
+}
+
+/// The value between nodes of a line.
+#[inline]
+pub(super) fn interpolated(line: &[f64], (first, weights): &(usize, [f64; 4])) -> f64 {
+    let v = &line[*first..][..4];
+    (weights[0] * v[0] + weights[1] * v[1]) + (weights[2] * v[2] + weights[3] * v[3])
+}
+
+/// The middle of a pixel, pixels from the first edge.
+fn middle(pixel: usize) -> f64 {
+    pixel as f64 + 0.5
+}
+
+/// First of the four nodes around a place, pixels from the first edge of `pixels`, and their weights.
+fn taps(place: f64, pixels: usize, cells: usize) -> (usize, [f64; 4]) {
+    let u = place * cells as f64 / pixels as f64;
+    let cell = u.floor().clamp(1.0, (cells - 2) as f64);
+    (cell as usize - 1, Taps::Lagrange.weights(u - cell))
+}
+
+/// Weights by the square of the sine.
+struct SineWeights {
+    /// The largest square.
+    last: f64,
+    /// By channel and band: at the squares; one value without plates.
+    values: Vec<Vec<Vec<f64>>>,
+}
+
+impl SineWeights {
+    fn new(
+        sensor: &Sensor,
+        (bands_nm, scales): (&[f64], &[f64]),
+        cones: &[ConeTable],
+        reach_mm: f64,
+    ) -> Self {
+        let largest = |table: &ConeTable| {
+            (0..=SINES)
+                .map(|k| table.at(reach_mm * k as f64 / SINES as f64).largest_sine())
+                .fold(0.0, f64::max)
+        };
+        let sine = cones.iter().map(largest).fold(0.0, f64::max);
+        // A little more, for the heights between.
+        let last = (sine * sine * 1.01).clamp(1e-6, 1.0);
+        let count = if sensor.plates.is_empty() { 1 } else { SINES };
+        let of_channel = |channel: usize| {
+            let at = |k: usize| {
+                let square = if count == 1 { 0.0 } else { last * k as f64 / (count - 1) as f64 };
+                let weights = sensor.band_weights_at(channel, bands_nm, square);
+                weights
+                    .iter()
+                    .zip(scales)
+                    .map(|(w, scale)| w * sensor.area_m2() * scale)
+                    .collect::<Vec<f64>>()
+            };
+            let all: Vec<Vec<f64>> = (0..count).map(at).collect();
+            (0..bands_nm.len()).map(|band| all.iter().map(|of| of[band]).collect()).collect()
+        };
+        Self { last, values: (0..sensor.channels.len()).map(of_channel).collect() }
+    }
+
+    /// First of the values around a square, and their weights.
+    fn taps(&self, square: f64) -> (usize, [f64; 4]) {
+        let u = (square / self.last).min(1.0) * (SINES - 1) as f64;
+        let cell = u.floor().clamp(1.0, (SINES - 3) as f64);
+        (cell as usize - 1, Taps::Lagrange.weights(u - cell))
+    }
+
+    /// W − w of `band` at (x, y) mm from the axis, of each channel into `out`, channel by channel of all bands.
+    fn at_node(
+        &self,
+        sensor: &Sensor,
+        (band, cones): (usize, &ConeTable),
+        (x, y): (f64, f64),
+        nodes: &[([f64; 2], f64)],
+        responses: &mut [f64],
+        out: &mut [f64],
+    ) {
+        let height_mm = (x * x + y * y).sqrt();
+        let away = if height_mm > 0.0 { [x / height_mm, y / height_mm] } else { [1.0, 0.0] };
+        let cone = cones.at(height_mm);
+        let bands = out.len() / responses.len();
+        for (at, share) in nodes {
+            let [l, m] = in_cone(&cone, *at);
+            let direction = [l * away[0] - m * away[1], l * away[1] + m * away[0]];
+            match &sensor.angle {
+                Some(angle) => {
+                    let found = angle.responses(direction, (height_mm, away), cone.chief);
+                    responses.iter_mut().zip(found).for_each(|(to, v)| *to = v);
+                }
+                None => responses.fill(1.0),
+            }
+            let taps = (!sensor.plates.is_empty()).then(|| self.taps(l * l + m * m));
+            for (channel, response) in responses.iter().enumerate() {
+                let values = &self.values[channel][band];
+                let weight = taps.as_ref().map_or(values[0], |taps| interpolated(values, taps));
+                out[channel * bands + band] += share * (response * weight - values[0]);
+            }
+        }
+    }
+}
+
+#[cfg(test)]
+mod tests;

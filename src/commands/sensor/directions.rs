@@ -1,0 +1,168 @@
+//! The directions of the light of a film, for sensors whose response depends on them: of its lens, or from a table.
+//!
+//! A table (`--chief-ray-angles`) has for heights h (mm from the axis) the angle θ of the chief ray in air, positive away from the axis, and the F-number N of the exit pupil, a circle:
+//!
+//! ```text
+//! centre sin θ, half axes  a = cos³θ/(2N) along the meridian,  b = cos θ/(2N) across        (direction cosines; [`pipeline::lens::cone`])
+//! ```
+
+use super::film::Film;
+use super::geometry::Geometry;
+use crate::args::ExposeArgs;
+use crate::camera::frame::split_group;
+use crate::failure::usage;
+use crate::film::{digest, reported};
+use crate::job::lens::UntracedLens;
+use crate::job::recorded_lens::RecordedLens;
+use anyhow::{Context, Result};
+use formats::sensor::chief_ray_angles;
+use pipeline::bounds;
+use pipeline::design::image_cone::image_cones;
+use pipeline::geometry::Size;
+use pipeline::lens::cone::{Cone, ConeTable};
+use pipeline::real;
+use pipeline::sensor::Sensor;
+use pipeline::sensor::angle::radians;
+use pipeline::sensor::field_weights::{FieldWeights, Placement};
+use pipeline::sensor::response_map::ResponseMap;
+use serde_json::{Value, json};
+use std::path::Path;
+use std::sync::{Arc, OnceLock};
+
+/// Heights of a table between which its cones are linear.
+const HEIGHTS: usize = 257;
+/// Reach beyond the corners, relative: rounding.
+const BEYOND: f64 = 1e-6;
+
+/// The directions of a film's light.
+pub struct Directions {
+    /// By band.
+    cones: Vec<ConeTable>,
+    placement: Placement,
+    /// Chief-ray angle at the farthest corner, degrees, of the middle band.
+    corner_deg: f64,
+    weights: OnceLock<Arc<FieldWeights>>,
+}
+
+impl Directions {
+    /// Those of `film` on the sensor at `geometry`; `None` if it does not depend on them.
+    ///
+    /// # Errors
+    /// Usage: flags for a sensor that does not depend on angles; a lens without them. The lens cannot be traced; the table cannot be read.
+    pub fn of_film(
+        film: &Film,
+        args: &ExposeArgs,
+        sensor: &Sensor,
+        geometry: &Geometry,
+    ) -> Result<Option<Self>> {
+        if !sensor.depends_on_angles() {
+            return match (&args.chief_ray_angles, &args.lens) {
+                (None, None) => Ok(None),
+                _ => Err(usage(format!(
+                    "--lens and --chief-ray-angles are for sensors whose response depends on the angle of incidence; {} has neither `angle` nor `plate`",
+                    sensor.name
+                ))),
+            };
+        }
+        let Size { height, width } = geometry.size();
+        let placement = Placement {
+            size: Size::new(height, width),
+            pitch_mm: geometry.rows.pitch_um * 1e-3,
+            centre_mm: geometry.centre_mm,
+        };
+        let reach_mm = placement.reach_mm() * (1.0 + BEYOND);
+        let cones = match &args.chief_ray_angles {
+            Some(path) => vec![of_table(path, reach_mm)?; film.wavelengths_nm.len()],
+            None => of_lens(film, args, reach_mm)?,
+        };
+        let corner = cones[cones.len() / 2].at(placement.reach_mm()).chief;
+        let corner_deg = real::asin(corner.clamp(-1.0, 1.0)).to_degrees();
+        Ok(Some(Self { cones, placement, corner_deg, weights: OnceLock::new() }))
+    }
+
+    /// What it adds to the identity of a signal.
+    pub fn identity(&self) -> Value {
+        let numbers: Vec<Vec<f64>> = self.cones.iter().map(|cones| cones.numbers().collect()).collect();
+        digest(&json!(numbers)).into()
+    }
+
+    /// What is printed.
+    pub fn note(&self) -> String {
+        format!("chief-ray angle at the farthest corner {:.1} degrees", self.corner_deg)
+    }
+
+    /// The weights of the bands of `film` over `sensor`.
+    pub fn weights(&self, film: &Film, sensor: &Sensor, threads: usize) -> Arc<FieldWeights> {
+        let bands = (&film.wavelengths_nm[..], &film.factors[..]);
+        let new = || Arc::new(FieldWeights::new(sensor, bands, &self.cones, &self.placement, threads));
+        Arc::clone(self.weights.get_or_init(new))
+    }
+
+    /// The response of the filters of `sensor`, for developments.
+    pub fn response_map(&self, film: &Film, sensor: &Sensor, threads: usize) -> ResponseMap {
+        let bands = (&film.wavelengths_nm[..], &film.factors[..]);
+        ResponseMap::new(sensor, self.placement.size, &self.weights(film, sensor, threads), bands)
+    }
+}
+
+fn of_lens(film: &Film, args: &ExposeArgs, reach_mm: f64) -> Result<Vec<ConeTable>> {
+    let (path, _) = split_group(args.film.as_deref().unwrap_or_default());
+    let recorded = RecordedLens::new(&reported::film(Path::new(path))?, args.lens.as_deref())?;
+    let other = |what: &str| {
+        usage(format!(
+            "{what} {} gives no directions of light at the film, which the sensor depends on: give them by --chief-ray-angles FILE.csv \
+             (columns height_mm, cra_deg, f_number), or make the film with the design",
+            recorded.name
+        ))
+    };
+    let lens = recorded.open()?;
+    let design = match &lens {
+        UntracedLens::Pack(_) => return Err(other("lens pack")),
+        UntracedLens::Design(_) if !lens.is_symmetric() => {
+            return Err(other("the lens without rotational symmetry"));
+        }
+        UntracedLens::Design(design) => design,
+    };
+    let of = |nm: &f64| {
+        image_cones(&design.system, nm * 1e-3, reach_mm)
+            .with_context(|| format!("directions of the light of lens {} at {nm} nm", recorded.name))
+    };
+    film.wavelengths_nm.iter().map(of).collect()
+}
+
+fn of_table(path: &Path, reach_mm: f64) -> Result<ConeTable> {
+    let rows = chief_ray_angles(path).map_err(|e| usage(e.to_string()))?;
+    for [height_mm, cra_deg, f_number] in &rows {
+        bounds::F_NUMBER.check(*f_number).map_err(|e| usage(format!("{}: f_number {e}", path.display())))?;
+        if cra_deg.abs() > 85.0 {
+            return Err(usage(format!(
+                "{}: at {height_mm} mm: expected a cra_deg of -85 to 85, found {cra_deg}",
+                path.display()
+            )));
+        }
+    }
+    let (first, last) = (rows[0][0], rows[rows.len() - 1][0]);
+    if first != 0.0 || last < reach_mm / (1.0 + 2.0 * BEYOND) {
+        return Err(usage(format!(
+            "{}: expected heights from 0 to the farthest corner of the sensor, {reach_mm:.4} mm, found {first} to {last} mm",
+            path.display()
+        )));
+    }
+    let step_mm = reach_mm / (HEIGHTS - 1) as f64;
+    let at = |k: usize| {
+        let height = (step_mm * k as f64).min(last);
+        let i = rows.partition_point(|row| row[0] <= height).clamp(1, rows.len() - 1);
+        let (a, b) = (rows[i - 1], rows[i]);
+        let t = (height - a[0]) / (b[0] - a[0]);
+        let [_, cra_deg, f_number] = std::array::from_fn(|c| a[c] + t * (b[c] - a[c]));
+        let (sine, cosine) = (real::sin(radians(cra_deg)), real::cos(radians(cra_deg)));
+        let half = 0.5 / f_number;
+        Cone {
+            chief: sine,
+            centre: sine,
+            tangential: half * cosine * cosine * cosine,
+            sagittal: half * cosine,
+        }
+    };
+    Ok(ConeTable::new(step_mm, (0..HEIGHTS).map(at).collect()))
+}
