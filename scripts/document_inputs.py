@@ -147,6 +147,10 @@ tilt_arcmin = 3
 kind = "rms-spot"
 """
 
+# A sensor that responds to the angle of incidence.
+CAMERA = (ROOT / "formats/data/sensors/ideal-mono.toml").read_text() + "\n[angle]\nstack_index = 1.5\nacceptance_deg = 25\n"
+
+
 def recipe(path, _):
     """The recipe of the page of data sets, with fewer samples, and its pictures with labels and masks."""
     page = (ROOT / "src/manual/guide/datasets.md").read_text()
@@ -190,6 +194,8 @@ MAKERS = {
     "SECRET.zmx": lambda path, _: shutil.copy(DESIGN, path),
     "TILTED.zmx": lambda path, _: tilted_film(path),
     "tol.toml": lambda path, _: path.write_text(TOLERANCES),
+    "camera.toml": lambda path, _: path.write_text(CAMERA),
+    "cra.csv": lambda path, _: path.write_text("height_mm,cra_deg,f_number\n0,0,2.8\n40,40,2.8\n"),
     "tables": lambda path, _: shutil.copytree(ROOT / "formats/data/tables-example", path),
 }
 
@@ -220,7 +226,7 @@ def python(text):
 # What the commands of a page need before they begin; they make all else themselves.
 PAGES = {
     "README.md": ["cube.zarr", "cube.npy", "MY.zmx", "chart.zarr", "tol.toml", "scene.zarr", "room.glb", "recipe.toml"],
-    "camera.md": ["chart.zarr", "photo.png", "film.zarr", "lens-a.zarr", "lens-b.zarr", "lens-a.raw.zarr", "lens-b.raw.zarr"],
+    "camera.md": ["chart.zarr", "photo.png", "film.zarr", "lens-a.zarr", "lens-b.zarr", "lens-a.raw.zarr", "lens-b.raw.zarr", "camera.toml", "cra.csv"],
     "charts.md": ["cube.zarr", "cube.hdr", "cube.mat", "cave", "cube.tif", "cube.npy", "cube.raw", "photo.png"],
     "clusters.md": ["chart.zarr"],
     "datasets.md": ["recipe.toml"],

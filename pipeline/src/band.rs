@@ -70,7 +70,7 @@ impl LensBands {
 /// #     wavelength_nm: 550.0, ideal_height_mm: heights.clone(), image_height_mm: heights.clone(), relative_illumination: vec![1.0, 0.9],
 /// #     psf_height_mm: heights, azimuth_count: vec![1, 4], psf_size: 9, psf_pitch_um: 2.0, psf_energy: vec![1.0, 1.0],
 /// #     solid_angle_sr: 0.1, transmission: 1.0,
-/// #     tail: None, planar: None,
+/// #     tail: None, cones: None, planar: None,
 /// # };
 /// # let lens = Lens {
 /// #     name: "ideal".into(), distortion_focal_length_mm: 50.0, effective_focal_length_mm: 50.0, f_number: 2.8, primary_wavelength_nm: 550.0,
@@ -417,6 +417,8 @@ fn tables(
         transmission: mix(first.transmission, second.transmission),
         // Windows of two bands have no tail in common.
         tail: None,
+        // Sensors read those of the lens's own bands.
+        cones: None,
         planar,
     })
 }

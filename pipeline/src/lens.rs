@@ -16,6 +16,7 @@ pub mod planar;
 pub mod tail;
 
 use crate::bounds::{self, OutOfBounds};
+use cone::ConeTable;
 use depth::LensDepth;
 use planar::{PlanarBand, PlanarMap, PsfPlaces};
 use tail::BandTail;
@@ -39,7 +40,7 @@ pub enum PsfSample {
 /// #     wavelength_nm: 550.0, ideal_height_mm: heights.clone(), image_height_mm: heights.clone(), relative_illumination: vec![1.0, 0.9],
 /// #     psf_height_mm: heights, azimuth_count: vec![1, 4], psf_size: 9, psf_pitch_um: 2.0, psf_energy: vec![1.0, 1.0],
 /// #     solid_angle_sr: 0.1, transmission: 1.0,
-/// #     tail: None, planar: None,
+/// #     tail: None, cones: None, planar: None,
 /// # };
 /// # let lens = Lens {
 /// #     name: "ideal".into(), distortion_focal_length_mm: 50.0, effective_focal_length_mm: 50.0, f_number: 2.8, primary_wavelength_nm: 550.0,
@@ -126,6 +127,8 @@ pub struct LensBand {
     pub transmission: f64,
     /// Light of the PSFs beyond their windows, if known: films then hold it, and kernels are not scaled to sum 1.
     pub tail: Option<BandTail>,
+    /// Directions of the light at the film, if the pack has them: for sensors whose response depends on them.
+    pub cones: Option<ConeTable>,
     /// Tables of a lens without rotational symmetry, in place of those over image height, which are then empty.
     pub planar: Option<PlanarBand>,
 }
@@ -289,6 +292,7 @@ impl LensBand {
             solid_angle_sr: 0.1,
             transmission: 1.0,
             tail: None,
+            cones: None,
             planar: None,
         }
     }

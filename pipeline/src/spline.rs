@@ -5,6 +5,13 @@
 
 pub(crate) mod tensor;
 
+/// Of Lagrange's interpolation, which passes through the values of a grid: weights of the values at −1, 0, 1, 2 in the cubic polynomial through them at `f`, between 0 and 1 as a rule.
+#[inline]
+pub(crate) fn lagrange_weights(f: f64) -> [f64; 4] {
+    let (before, after, far) = (f + 1.0, 1.0 - f, 2.0 - f);
+    [-f * after * far / 6.0, before * after * far / 2.0, before * f * far / 2.0, -before * f * after / 6.0]
+}
+
 /// The four weights of β³ at fraction `f`: those of the coefficients i−1, i, i+1, i+2 for t = i + f.
 #[inline]
 pub(crate) fn weights(f: f64) -> [f64; 4] {

@@ -333,6 +333,9 @@ pub struct TraceArgs {
     /// Whether the pack has the light of PSFs beyond their windows (its attribute `extras` then lists `tail`); windows are larger where it needs them
     #[arg(long, value_parser = one_of(SWITCH), action = ArgAction::Set, default_value = "on")]
     pub tails: bool,
+    /// Give the pack the chief rays and cones of the light at the film (its attribute `extras` then lists `cones`), for sensors whose response depends on the angle of incidence
+    #[arg(long, conflicts_with_all = ["depths_m", "tolerances"])]
+    pub cones: bool,
     /// Maximum error of a kernel between nodes, L1 at film pixels
     #[arg(long, value_parser = positive, default_value = "0.01")]
     pub psf_tolerance: f64,

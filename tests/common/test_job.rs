@@ -91,6 +91,7 @@ impl TestJob {
         let band = |nm| LensBand {
             psf_energy: vec![0.99; 4],
             tail: has_tails.then(|| tail.clone()),
+            cones: None,
             planar: None,
             ..identity_band(nm, 1.0, 21)
         };

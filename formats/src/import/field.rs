@@ -117,6 +117,7 @@ pub fn open(path: &Path) -> Result<ImportedField, ImportError> {
         solid_angle_sr: PI / (4.0 * f_number * f_number),
         transmission: 1.0,
         tail: None,
+        cones: None,
         planar: Some(PlanarBand { map, psfs: places.clone() }),
     };
     let lens = Lens {

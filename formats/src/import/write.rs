@@ -283,6 +283,7 @@ fn dense_tables(
         solid_angle_sr,
         transmission: 1.0,
         tail: None,
+        cones: None,
         planar: None,
     };
     Ok((dense, error))

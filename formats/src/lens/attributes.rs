@@ -19,6 +19,8 @@ pub const PLANAR_SCHEMA: &str = "lenscube/lens-pack/4";
 pub(super) const EXTRAS: &str = "extras";
 /// The optional group of tails.
 pub(super) const TAIL: &str = "tail";
+/// The optional group of directions of light at the film.
+pub(super) const CONES: &str = "cones";
 /// Attribute with the places of the PSFs of a lens without rotational symmetry.
 pub(super) const PSF_FIELD: &str = "psf_field";
 /// Attribute of a sealed pack, true.
@@ -30,6 +32,7 @@ pub(super) const REFERENCE_POINT: &str = "reference_point";
 pub(super) struct Extras {
     /// Tails of the PSFs.
     pub(super) has_tail: bool,
+    pub(super) has_cones: bool,
 }
 
 /// Places of the PSFs of a lens without rotational symmetry: attribute `psf_field`.
@@ -192,8 +195,8 @@ impl<'a> Attributes<'a> {
 
     /// The optional groups; an unknown one is an error, since it changes pixels.
     pub(super) fn extras(&self) -> Result<Extras, LensPackError> {
-        let mut extras = Extras { has_tail: false };
-        let expected = "a list of names of optional groups: \"tail\"";
+        let mut extras = Extras { has_tail: false, has_cones: false };
+        let expected = "a list of names of optional groups: \"tail\", \"cones\"";
         let names = match self.map.get(EXTRAS) {
             None | Some(Value::Null) => return Ok(extras),
             Some(Value::Array(names)) => names,
@@ -201,10 +204,11 @@ impl<'a> Attributes<'a> {
         };
         for name in names {
             match name.as_str() {
-                Some(TAIL) if self.psf_field.is_some() => {
-                    return Err(self.invalid(EXTRAS, "none: tails belong to lenses with rotational symmetry"));
+                Some(TAIL | CONES) if self.psf_field.is_some() => {
+                    return Err(self.invalid(EXTRAS, "none: they belong to lenses with rotational symmetry"));
                 }
                 Some(TAIL) => extras.has_tail = true,
+                Some(CONES) => extras.has_cones = true,
                 _ => return Err(self.invalid(EXTRAS, expected)),
             }
         }

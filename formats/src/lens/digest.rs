@@ -7,7 +7,7 @@
 //! With depth nodes: of each band its head and tables, then per node vergence, tables and PSFs; of the lens the digests of its bands.
 //! Values are hashed as the pipeline uses them (PSFs in f32, normalised), so the digest does not depend on their storage. Pupil functions in place
 //! of PSFs are hashed themselves (version of the tracer, segments, values: f64), so they have another digest than the PSFs they give.
-//! A band with a tail has a section more: heights, radius and coefficients (f64).
+//! A band with a tail has a section more: heights, radius and coefficients (f64); one with cones another: their distance and directions (f64).
 //!
 //! A lens without rotational symmetry has another leading line, and per band:
 //! ```text
@@ -90,7 +90,7 @@ impl DepthBandValues {
         let h = &mut self.0;
         for (b, band) in lens.bands.iter().enumerate() {
             add_tables(h, band);
-            add_tail(h, band);
+            add_extras(h, band);
             let Some(depth) = &lens.depth else { continue };
             let nodes = &depth.bands[b];
             h.update(b"depth nodes\n");
@@ -146,7 +146,7 @@ fn hasher_with_head(lens: &Lens, bands: usize) -> blake3::Hasher {
 fn add_band(h: &mut blake3::Hasher, band: &LensBand, stack: &PsfStack) {
     add_tables(h, band);
     add_samples(h, stack);
-    add_tail(h, band);
+    add_extras(h, band);
 }
 
 fn add_samples(h: &mut blake3::Hasher, stack: &PsfStack) {
@@ -156,7 +156,15 @@ fn add_samples(h: &mut blake3::Hasher, stack: &PsfStack) {
     }
 }
 
-/// The section of a band's tail, only if it has one.
+/// The sections of a band's tail and cones, only if it has them.
+fn add_extras(h: &mut blake3::Hasher, band: &LensBand) {
+    add_tail(h, band);
+    let Some(cones) = &band.cones else { return };
+    h.update(b"cones\n");
+    add_f64(h, &[cones.step_mm()]);
+    cones.directions().for_each(|direction| add_f64(h, &direction));
+}
+
 fn add_tail(h: &mut blake3::Hasher, band: &LensBand) {
     let Some(tail) = &band.tail else { return };
     h.update(b"tail\n");
@@ -180,7 +188,7 @@ fn add_pupils(h: &mut blake3::Hasher, band: &LensBand, pupils: &PupilStack) {
         false => add_parts(h, pupils.parts()),
         true => add_parts(h, pupils.whole_parts()),
     }
-    add_tail(h, band);
+    add_extras(h, band);
 }
 
 /// Numbers of the segments, and values of all.

@@ -3,6 +3,7 @@
 //! Tables are (bands, field points) or (bands, heights). A band with fewer of them ends its rows with NaN: its number of
 //! heights is the number of entries of `psf_height` before the first NaN, and `psf/<band>` has that many windows.
 
+mod cones;
 mod depth;
 mod planar;
 mod psfs;
@@ -65,6 +66,10 @@ pub(super) fn tables(store: &PackStore, notes: &mut Vec<String>) -> Result<Table
         1.0
     })?;
     let sample = head.sample()?;
+    let mut cones = match head.extras()?.has_cones {
+        true => cones::read(&tables)?,
+        false => vec![None; bands],
+    };
     let mut tails = match head.extras()?.has_tail {
         true => tail::read(&tables)?,
         false => vec![None; bands],
@@ -84,6 +89,7 @@ pub(super) fn tables(store: &PackStore, notes: &mut Vec<String>) -> Result<Table
             transmission: transmission[b],
             psf_height_mm: Vec::new(),
             tail: tails[b].take(),
+            cones: cones[b].take(),
             planar: None,
         };
         let bytes = match &mut fields {

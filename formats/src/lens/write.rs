@@ -4,6 +4,7 @@
 //! rotational symmetry have ten times the PSFs: their chunks have about 1 MiB.
 //! Bands with fewer field points or heights are padded with NaN (azimuths: 0), see [`lens`](super).
 
+mod cones;
 mod depth;
 mod planar;
 mod pupils;
@@ -11,12 +12,13 @@ mod tail;
 
 use super::array::MAX_SAMPLES;
 use super::attributes::{
-    DEPTH_SCHEMA, EXTRAS, PLANAR_SCHEMA, PSF_FIELD, PUPIL_SCHEMA, PackAttributes, REFERENCE_POINT, SCHEMA,
-    SEALED, TAIL,
+    CONES, DEPTH_SCHEMA, EXTRAS, PLANAR_SCHEMA, PSF_FIELD, PUPIL_SCHEMA, PackAttributes, REFERENCE_POINT,
+    SCHEMA, SEALED, TAIL,
 };
 use super::error::LensPackError;
 use super::read::SUM_TOLERANCE;
 use super::sink::Sink;
+use pipeline::lens::cone::ConeTable;
 use pipeline::lens::{Lens, LensBand, PsfSample, PsfStack};
 use serde_json::{Value, json};
 use std::collections::BTreeMap;
@@ -197,10 +199,20 @@ impl LensPackWriter {
                 root["attributes"][REFERENCE_POINT] = json!(point.name());
             }
         }
+        let mut extras = Vec::new();
         if bands.iter().any(|b| b.tail.is_some()) {
             self.tails(bands)?;
             self.json("tail/zarr.json", &group)?;
-            root["attributes"][EXTRAS] = json!([TAIL]);
+            extras.push(TAIL);
+        }
+        let cones: Option<Vec<&ConeTable>> = bands.iter().map(|b| b.cones.as_ref()).collect();
+        if let Some(cones) = cones.filter(|cones| !cones.is_empty()) {
+            self.cones(bands, &cones)?;
+            self.json("cones/zarr.json", &group)?;
+            extras.push(CONES);
+        }
+        if !extras.is_empty() {
+            root["attributes"][EXTRAS] = json!(extras);
         }
         self.json("zarr.json", &root)?;
         self.sink.finish()

@@ -33,6 +33,7 @@ fn small_lens() -> Lens {
         solid_angle_sr: 0.088,
         transmission: 0.9,
         tail: None,
+        cones: None,
         planar: None,
     };
     Lens {

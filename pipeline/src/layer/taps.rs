@@ -17,15 +17,7 @@ impl Taps {
     pub fn weights(self, f: f64) -> [f64; 4] {
         match self {
             Self::BSpline => spline::weights(f),
-            Self::Lagrange => {
-                let (before, after, far) = (f + 1.0, 1.0 - f, 2.0 - f);
-                [
-                    -f * after * far / 6.0,
-                    before * after * far / 2.0,
-                    before * f * far / 2.0,
-                    -before * f * after / 6.0,
-                ]
-            }
+            Self::Lagrange => spline::lagrange_weights(f),
         }
     }
 

@@ -12,7 +12,7 @@
 //! Between heights: cubic polynomials through four of them; c and the chief ray are odd in the height, a and b even.
 //! Left out: surfaces of the pupil that a central obscuration hides, radiance that differs over the pupil.
 
-use crate::layer::Taps;
+use crate::spline::lagrange_weights;
 
 /// The directions of the light at a place of the film, as direction cosines in air.
 #[derive(Clone, Copy, Debug, PartialEq)]
@@ -66,7 +66,7 @@ impl ConeTable {
     pub fn at(&self, height_mm: f64) -> Cone {
         let u = height_mm / self.step_mm;
         let cell = u.floor().min((self.cones.len() - 2) as f64);
-        let weights = Taps::Lagrange.weights(u - cell);
+        let weights = lagrange_weights(u - cell);
         let mut sum = [0.0; 4];
         for (tap, weight) in weights.into_iter().enumerate() {
             let of = self.cone(cell as i64 - 1 + tap as i64).numbers();
@@ -76,9 +76,38 @@ impl ConeTable {
         Cone { chief, centre, tangential, sagittal }
     }
 
-    /// All numbers, for an identity.
-    pub fn numbers(&self) -> impl Iterator<Item = f64> {
-        std::iter::once(self.step_mm).chain(self.cones.iter().flat_map(Cone::numbers))
+    /// Distance of the heights, mm.
+    pub fn step_mm(&self) -> f64 {
+        self.step_mm
+    }
+
+    /// Direction cosines of the cones, height by height: chief ray, centre, half axes along the meridian and across.
+    pub fn directions(&self) -> impl Iterator<Item = [f64; 4]> {
+        self.cones.iter().map(Cone::numbers)
+    }
+
+    /// The inverse of [`ConeTable::step_mm`] and [`ConeTable::directions`].
+    ///
+    /// # Errors
+    /// A text: what is expected of a pack's numbers.
+    pub fn from_directions(step_mm: f64, directions: &[[f64; 4]]) -> Result<Self, String> {
+        if !(step_mm > 0.0 && step_mm.is_finite()) || directions.len() < 3 {
+            return Err(format!(
+                "expected three heights or more, a positive distance apart, found {} and {step_mm} mm",
+                directions.len()
+            ));
+        }
+        let is_cone = |d: &&[f64; 4]| d.iter().all(|v| v.abs() < 1.0) && d[2] > 0.0 && d[3] > 0.0;
+        if let Some(bad) = directions.iter().find(|d| !is_cone(d)) {
+            return Err(format!("expected direction cosines below 1, half axes above 0, found {bad:?}"));
+        }
+        let cone = |[chief, centre, tangential, sagittal]: &[f64; 4]| Cone {
+            chief: *chief,
+            centre: *centre,
+            tangential: *tangential,
+            sagittal: *sagittal,
+        };
+        Ok(Self::new(step_mm, directions.iter().map(cone).collect()))
     }
 
     /// That of the height `index`: mirrored below 0, beyond the last one from it and the two before.

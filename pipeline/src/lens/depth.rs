@@ -98,6 +98,7 @@ impl BandDepth {
                 .collect(),
             // Tails are those of one object distance.
             tail: None,
+            cones: None,
             planar: None,
             ..band.clone()
         };

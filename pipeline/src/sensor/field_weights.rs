@@ -9,9 +9,9 @@
 use super::Sensor;
 use super::angle::{disc, in_cone};
 use crate::geometry::Size;
-use crate::layer::Taps;
 use crate::lens::cone::ConeTable;
 use crate::parts::for_each_part;
+use crate::spline::lagrange_weights;
 use std::convert::Infallible;
 
 /// Cells along the longer side of a sensor, and along the other one at least.
@@ -136,7 +136,7 @@ fn middle(pixel: usize) -> f64 {
 fn taps(place: f64, pixels: usize, cells: usize) -> (usize, [f64; 4]) {
     let u = place * cells as f64 / pixels as f64;
     let cell = u.floor().clamp(1.0, (cells - 2) as f64);
-    (cell as usize - 1, Taps::Lagrange.weights(u - cell))
+    (cell as usize - 1, lagrange_weights(u - cell))
 }
 
 /// Weights by the square of the sine.
@@ -183,7 +183,7 @@ impl SineWeights {
     fn taps(&self, square: f64) -> (usize, [f64; 4]) {
         let u = (square / self.last).min(1.0) * (SINES - 1) as f64;
         let cell = u.floor().clamp(1.0, (SINES - 3) as f64);
-        (cell as usize - 1, Taps::Lagrange.weights(u - cell))
+        (cell as usize - 1, lagrange_weights(u - cell))
     }
 
     /// W − w of `band` at (x, y) mm from the axis, of each channel into `out`, channel by channel of all bands.

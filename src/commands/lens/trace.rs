@@ -24,6 +24,7 @@ use pipeline::design::System;
 use pipeline::design::depth::trace::DepthOptions;
 use pipeline::design::describe::field_tan;
 use pipeline::design::image_circle::EDGE;
+use pipeline::design::image_cone::image_cones;
 use pipeline::design::ray::Tracer;
 use pipeline::design::skew::system::BuiltLens;
 use pipeline::design::trace::{BandReport, LensTrace, Progress, PsfHeights, TraceOptions, TracedBand};
@@ -50,6 +51,12 @@ pub fn command(args: &TraceArgs) -> Result<()> {
     }
     let options = options(args, &system)?;
     if system.asymmetry.is_some() {
+        if args.cones {
+            return Err(usage(format!(
+                "--cones: expected a design with rotational symmetry, {} has none",
+                args.design
+            )));
+        }
         if args.built.tolerances.is_some() {
             return Err(usage(format!(
                 "--tolerances: expected a design with rotational symmetry, {} has none",
@@ -106,7 +113,13 @@ pub fn command(args: &TraceArgs) -> Result<()> {
     bar.finish();
     let context = || format!("tracing {}", args.design);
     let (traced, pack) = result.with_context(context)?;
-    let lens = traced.with_context(context)?;
+    let mut lens = traced.with_context(context)?;
+    if args.cones {
+        for band in &mut lens.bands {
+            let cones = image_cones(&system, band.wavelength_nm * 1e-3, options.max_height_mm);
+            band.cones = Some(cones.with_context(context)?);
+        }
+    }
     let mut attributes = attributes(&args.design, &args.parameters, &options, &reports);
     if let Some(drawn) = drawn {
         (attributes.errors, attributes.compensators) = (Some(drawn.record), Some(unmoved()));

@@ -82,7 +82,7 @@ impl Directions {
 
     /// What it adds to the identity of a signal.
     pub fn identity(&self) -> Value {
-        let numbers: Vec<Vec<f64>> = self.cones.iter().map(|cones| cones.numbers().collect()).collect();
+        let numbers: Vec<Vec<f64>> = self.cones.iter().map(numbers).collect();
         digest(&json!(numbers)).into()
     }
 
@@ -105,19 +105,31 @@ impl Directions {
     }
 }
 
+/// All numbers of a table.
+fn numbers(cones: &ConeTable) -> Vec<f64> {
+    std::iter::once(cones.step_mm()).chain(cones.directions().flatten()).collect()
+}
+
 fn of_lens(film: &Film, args: &ExposeArgs, reach_mm: f64) -> Result<Vec<ConeTable>> {
     let (path, _) = split_group(args.film.as_deref().unwrap_or_default());
     let recorded = RecordedLens::new(&reported::film(Path::new(path))?, args.lens.as_deref())?;
     let other = |what: &str| {
         usage(format!(
             "{what} {} gives no directions of light at the film, which the sensor depends on: give them by --chief-ray-angles FILE.csv \
-             (columns height_mm, cra_deg, f_number), or make the film with the design",
+             (columns height_mm, cra_deg, f_number), or make the film with the design or a pack of `lens trace --cones` at its wavelengths and up to its corners",
             recorded.name
         ))
     };
     let lens = recorded.open()?;
     let design = match &lens {
-        UntracedLens::Pack(_) => return Err(other("lens pack")),
+        UntracedLens::Pack(pack) => {
+            let of = |nm: &f64| {
+                let band = pack.lens().bands.iter().find(|band| band.wavelength_nm == *nm)?;
+                band.cones.clone().filter(|cones| cones.last_mm() >= reach_mm / (1.0 + 2.0 * BEYOND))
+            };
+            let all: Option<Vec<ConeTable>> = film.wavelengths_nm.iter().map(of).collect();
+            return all.ok_or_else(|| other("lens pack"));
+        }
         UntracedLens::Design(_) if !lens.is_symmetric() => {
             return Err(other("the lens without rotational symmetry"));
         }

@@ -1,8 +1,8 @@
 //! Sensors whose response depends on the angle of incidence.
 
 use super::USAGE;
-use crate::common::assert_exit;
 use crate::common::camera::{IRRADIANCE, Place, frame, sensor, window};
+use crate::common::{assert_exit, lenscube};
 use pipeline::geometry::{Rect, Size};
 use std::fs;
 use std::path::{Path, PathBuf};
@@ -103,6 +103,54 @@ fn a_table_of_chief_rays_takes_the_place_of_the_lens() {
         let share = share(&found, &flat, row, column);
         assert!((share - expected).abs() < 1e-4, "{row} {column}: {share} {expected}");
     }
+}
+
+#[test]
+fn a_pack_with_cones_is_as_good_as_its_design() {
+    let place = Place::new();
+    let film = film_of_phone(&place);
+    let more = "[angle]\nstack_index = 1.5\nacceptance_deg = 30";
+    let sensor_file = description(&place, "s", more);
+    let expected = raw_of(&place, &film, &sensor_file, &[]).1;
+    let pack = place.at("phone.lens.zarr");
+    let trace =
+        ["lens", "trace", "phone", pack.to_str().unwrap(), "--wavelengths", "500,600", "--heights", "0,2.2"];
+    lenscube(&[&trace[..], &["--cones", "--tails", "off"]].concat()).ok();
+    let others = |name: &str, pack: &Path| {
+        let film = place.at(name).join("phone.zarr");
+        fs::create_dir_all(place.at(name)).unwrap();
+        let chart = format!("gen:uniform?size={SIDE}&pitch_um={PITCH_UM}&wavelengths=500,600");
+        crate::common::run(&chart, &film, pack.to_str().unwrap(), &["--stages", "distortion"]).ok();
+        film
+    };
+    let found = raw_of(&place, &others("with", &pack), &sensor_file, &[]).1;
+    assert!(found.iter().zip(&expected).all(|(a, b)| a.abs_diff(*b) <= 2));
+    // Without the group the pack has another digest, and no directions.
+    let without = place.at("without.lens.zarr");
+    let trace = [
+        "lens",
+        "trace",
+        "phone",
+        without.to_str().unwrap(),
+        "--wavelengths",
+        "500,600",
+        "--heights",
+        "0,2.2",
+    ];
+    lenscube(&[&trace[..], &["--tails", "off"]].concat()).ok();
+    let film = others("without", &without);
+    let flags = ["--sensor", sensor_file.to_str().unwrap(), "--exposure", "1ms"];
+    assert_exit(
+        &sensor(&film, &place.at("no"), &flags),
+        USAGE,
+        &["gives no directions", "lens trace --cones"],
+    );
+    let designs = ["--cones", "--depths-m", "1:2"];
+    assert_exit(
+        &lenscube(&[&trace[..3], &["out.lens.zarr"], &designs].concat()),
+        USAGE,
+        &["--cones", "--depths-m"],
+    );
 }
 
 #[test]

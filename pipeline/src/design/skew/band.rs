@@ -123,6 +123,7 @@ impl Band {
             solid_angle_sr: self.map.solid_angle_sr,
             transmission: 1.0,
             tail: None,
+            cones: None,
             planar: Some(PlanarBand { map: self.map.planar(), psfs: self.places }),
         };
         Ok(TracedBand { tables, psf, pupils: PupilStack::new(grid, functions), report })

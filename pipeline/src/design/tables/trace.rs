@@ -330,6 +330,7 @@ impl<'a> LensTrace<'a> {
             solid_angle_sr: light[0] / transmission,
             transmission,
             tail: tail.and_then(Result::ok),
+            cones: None,
             planar: None,
         };
         Ok(TracedBand { tables, psf: stack.0, pupils, report })

@@ -32,6 +32,7 @@ fn symmetric() -> LensBand {
         solid_angle_sr: 0.1,
         transmission: 1.0,
         tail: None,
+        cones: None,
         planar: None,
     }
 }

@@ -32,6 +32,7 @@ fn band(inner_px: f64) -> LensBand {
         psf_size: 41,
         psf_energy: vec![0.99; 13],
         tail: Some(tail),
+        cones: None,
         planar: None,
         ..LensBand::ideal(550.0, height_mm)
     }

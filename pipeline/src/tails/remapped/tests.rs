@@ -66,6 +66,7 @@ fn a_point_anywhere_has_its_tail() {
             psf_size: 41,
             psf_energy: vec![0.99; 2],
             tail: Some(tail),
+            cones: None,
             planar: None,
             ..LensBand::ideal(550.0, height_mm.clone())
         };

@@ -174,6 +174,7 @@ pub fn band<E: std::fmt::Display>(
         solid_angle_sr: in_focus[0] / focused.transmission,
         transmission: focused.transmission,
         tail: None,
+        cones: None,
         planar: None,
     };
     nodes.set_psfs(&mut tables, nodes.nearest(options.focus));
