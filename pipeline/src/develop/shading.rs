@@ -22,8 +22,8 @@ pub struct LensShading {
     nodes_per_px: f32,
     /// Row and column of the axis, pixels.
     axis_px: (f32, f32),
-    /// Response over the angle of incidence, and the sensor's pixel (row, column) that the picture's first is, and of the next one.
-    angles: Option<(ResponseMap, [(f32, f32); 2])>,
+    /// Response over the angle of incidence, the place (row, column) on the sensor of the picture's first pixel, and the distance of its pixels there.
+    angles: Option<(ResponseMap, (f32, f32), f32)>,
 }
 
 impl LensShading {
@@ -73,12 +73,10 @@ impl LensShading {
         })
     }
 
-    /// With the response `map` of a sensor, of which the pixel (row, column) at `first` is the picture's first, and `step` pixels one.
+    /// With the response `map` of a sensor: the picture's first pixel lies at `first` (row, column) of it, its pixels `step` of the sensor's apart.
     #[must_use]
     pub fn with_angles(self, map: ResponseMap, first: (f64, f64), step: f64) -> Self {
-        let next = (first.0 + step, first.1 + step);
-        let angles = Some((map, [first, next].map(|(row, column)| (row as f32, column as f32))));
-        Self { angles, ..self }
+        Self { angles: Some((map, (first.0 as f32, first.1 as f32), step as f32)), ..self }
     }
 
     /// Divisor of a pixel behind a filter.
@@ -91,9 +89,8 @@ impl LensShading {
         let illumination = table[k] + (table[k + 1] - table[k]) * (at - k as f32).min(1.0);
         match &self.angles {
             None => illumination,
-            Some((map, [first, next])) => {
-                let place =
-                    (first.0 + row as f32 * (next.0 - first.0), first.1 + column as f32 * (next.1 - first.1));
+            Some((map, first, step)) => {
+                let place = (first.0 + row as f32 * step, first.1 + column as f32 * step);
                 (illumination * map.at(filter, place)).max(MIN_DIVISOR)
             }
         }

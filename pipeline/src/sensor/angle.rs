@@ -121,6 +121,34 @@ impl Acceptance {
 }
 
 impl AngularResponse {
+    /// All numbers that determine it, for an identity.
+    pub fn numbers(&self) -> Vec<f64> {
+        let mut numbers = vec![self.stack_index];
+        match &self.microlenses {
+            Microlenses::Centred => numbers.push(0.0),
+            Microlenses::OfLens => numbers.push(1.0),
+            Microlenses::Table(rows) => {
+                numbers.push(2.0);
+                numbers.extend(rows.iter().flat_map(|(height_mm, sine)| [*height_mm, *sine]));
+            }
+        }
+        let mut add = |kind: f64, tables: &[&SlopeTable]| {
+            numbers.push(kind);
+            numbers.extend(tables.iter().flat_map(|table| table.slopes.iter().chain(&table.values)));
+        };
+        for channel in &self.channels {
+            match channel {
+                Acceptance::Model { half_slope, half_exponent } => {
+                    add(*half_slope, &[]);
+                    add(f64::from(*half_exponent), &[]);
+                }
+                Acceptance::Radial(table) => add(-1.0, &[table]),
+                Acceptance::Separable { horizontal, vertical } => add(-2.0, &[horizontal, vertical]),
+            }
+        }
+        numbers
+    }
+
     /// The slope for which the microlens at `height_mm` is shifted; `chief` is that of the lens there.
     fn shift(&self, height_mm: f64, chief: f64) -> f64 {
         let sine = match &self.microlenses {
@@ -171,6 +199,16 @@ pub struct Plate {
 }
 
 impl Plate {
+    /// All numbers that determine it, for an identity.
+    pub fn numbers(&self) -> Vec<f64> {
+        let kind = match self.kind {
+            PlateKind::Interference => 0.0,
+            PlateKind::Absorbing => 1.0,
+        };
+        let curve = self.curve.wavelengths_nm.iter().chain(&self.curve.values);
+        [kind, self.index].iter().chain(curve).copied().collect()
+    }
+
     /// cos of the angle in the plate for the square of the sine in air.
     fn cosine(&self, sine_square: f64) -> f64 {
         (1.0 - sine_square / (self.index * self.index)).sqrt()

@@ -3,7 +3,7 @@
 //! ```text
 //! W_cb(x, y) = Σ_i q_i S_c(p_i) w_cb(s_i)          p_i, q_i: directions of the cone at (x, y) in the band's wavelength and their shares; s_i = |p_i|
 //! ```
-//! w_cb(s) at [`SINES`] squares of the sine, cubic polynomials between. W at the nodes of a grid over the whole sensor, [`CELLS`] cells along its longer side, and at a pixel's middle cubic polynomials of W less its value for
+//! w_cb(s) at 65 squares of the sine, cubic polynomials between. W at the nodes of a grid over the whole sensor, 96 cells along its longer side, and at a pixel's middle cubic polynomials of W less its value for
 //! perpendicular light along both axes: so a response that is 1 everywhere leaves the weights bit for bit. A pixel's weight depends on its place on the sensor, not on windows, blocks and threads.
 
 use super::Sensor;

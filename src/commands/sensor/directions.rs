@@ -75,6 +75,15 @@ impl Directions {
             Some(path) => vec![of_table(path, reach_mm)?; film.wavelengths_nm.len()],
             None => of_lens(film, args, reach_mm)?,
         };
+        let at = |k: usize| reach_mm * k as f64 / (HEIGHTS - 1) as f64;
+        let beyond = |k: &usize| cones.iter().any(|table| table.at(at(*k)).largest_sine() >= 1.0);
+        if let Some(k) = (0..HEIGHTS).find(beyond) {
+            return Err(usage(format!(
+                "{}: at {:.4} mm from the axis the cone of light reaches 90 degrees from the normal of the film: expected smaller chief-ray angles or larger F-numbers",
+                args.chief_ray_angles.as_ref().map_or("the lens".into(), |path| path.display().to_string()),
+                at(k)
+            )));
+        }
         let corner = cones[cones.len() / 2].at(placement.reach_mm()).chief;
         let corner_deg = real::asin(corner.clamp(-1.0, 1.0)).to_degrees();
         Ok(Some(Self { cones, placement, corner_deg, weights: OnceLock::new() }))

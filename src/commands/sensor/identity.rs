@@ -6,6 +6,7 @@ use super::geometry::Geometry;
 use crate::args::ExposeArgs;
 use crate::film::digest;
 use formats::object;
+use pipeline::sensor::angle::{AngularResponse, Plate};
 use pipeline::sensor::{QuantumEfficiencyOf, Sensor};
 use serde_json::{Map, Value, json};
 
@@ -51,7 +52,8 @@ pub fn optics(sensor: &Sensor) -> String {
         "channels": sensor.pattern.channels,
     });
     if sensor.depends_on_angles() {
-        optics["angle"] = format!("{:?} {:?}", sensor.angle, sensor.plates).into();
+        optics["angle"] = json!(sensor.angle.as_ref().map(AngularResponse::numbers));
+        optics["plates"] = json!(sensor.plates.iter().map(Plate::numbers).collect::<Vec<_>>());
     }
     digest(&optics)
 }

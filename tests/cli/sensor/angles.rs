@@ -200,6 +200,8 @@ fn descriptions_and_lenses_that_are_not_possible_are_one_clear_error() {
     let falls = table("falls.csv", "height_mm,cra_deg,f_number\n0,0,2\n0,20,2\n");
     fails(&good, &["--chief-ray-angles", &falls], &["falls.csv", "line 3", "above 0"]);
     fails(&good, &["--chief-ray-angles", "missing.csv"], &["missing.csv"]);
+    let wide = table("wide.csv", "height_mm,cra_deg,f_number\n0,0,0.3\n1,80,0.3\n");
+    fails(&good, &["--chief-ray-angles", &wide], &["wide.csv", "90 degrees"]);
     table("one-sided.csv", "angle_deg,horizontal,vertical\n0,1,1\n30,0.5,0.5\n");
     table("dark.csv", "angle_deg,response\n0,0\n30,0.5\n");
     for (name, more, texts) in [
