@@ -25,6 +25,7 @@ mod write;
 use crate::args::{ExposeArgs, SensorArgs, SensorCommand};
 use crate::failure::usage;
 use anyhow::Result;
+pub use directions::check_lens;
 pub use exposure::{Times, time};
 pub use film::FilmPlane;
 pub use geometry::Geometry;

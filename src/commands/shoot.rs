@@ -10,6 +10,7 @@ use crate::args::{
 use crate::camera::recipe::check_white;
 use crate::failure::{replacing_other_job, usage};
 use crate::job::UntracedJob;
+use crate::job::lens::UntracedLens;
 use crate::open;
 use crate::outputs::check_absent;
 use crate::progress::log_line;
@@ -91,6 +92,8 @@ pub fn command(args: &ShootArgs) -> Result<u8> {
     let stand_in = picture.as_ref().map(Picture::stand_in);
     let before = RunArgs { chart: stand_in.unwrap_or(chart), ..job.clone() };
     let sensor = sensor::check_before_film(&exposure, Path::new(&film), &UntracedJob::new(&before)?.film)?;
+    let lens = UntracedLens::open_focused(&before.lens, &before.surfaces, &before.tracing)?;
+    sensor::check_lens(&sensor, &lens, &before.lens)?;
     if developed {
         check_white(args.white.as_deref(), &sensor)?;
     }

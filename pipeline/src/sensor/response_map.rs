@@ -43,7 +43,8 @@ impl ResponseMap {
                 // `field` has the scales of the bands.
                 let of = |band: usize| field.difference_at((filter, band), y, x) / scales[band];
                 let more: f64 = (0..bands_nm.len()).map(of).sum();
-                (1.0 + more / (all * sensor.area_m2())) as f32
+                // A filter that sees no band of the film has nothing to undo.
+                if all > 0.0 { (1.0 + more / (all * sensor.area_m2())) as f32 } else { 1.0 }
             };
             (0..=cells.0)
                 .flat_map(|row| (0..=cells.1).map(move |column| (row, column)))

@@ -114,6 +114,23 @@ impl Directions {
     }
 }
 
+/// Fails for a sensor that depends on angles where the lens `name` of a film that will be made gives none.
+///
+/// # Errors
+/// Usage.
+pub fn check_lens(sensor: &Sensor, lens: &UntracedLens, name: &str) -> Result<()> {
+    let what = match lens {
+        _ if !sensor.depends_on_angles() => return Ok(()),
+        UntracedLens::Pack(pack) if pack.lens().bands.iter().any(|band| band.cones.is_none()) => "lens pack",
+        UntracedLens::Design(_) if !lens.is_symmetric() => "the lens without rotational symmetry",
+        _ => return Ok(()),
+    };
+    Err(usage(format!(
+        "{what} {name} gives no directions of light at the film, which sensor {} depends on: give a design, or a pack of `lens trace --cones`",
+        sensor.name
+    )))
+}
+
 /// All numbers of a table.
 fn numbers(cones: &ConeTable) -> Vec<f64> {
     std::iter::once(cones.step_mm()).chain(cones.directions().flatten()).collect()

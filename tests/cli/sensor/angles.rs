@@ -192,6 +192,16 @@ fn descriptions_and_lenses_that_are_not_possible_are_one_clear_error() {
     let good = description(&place, "good", "[angle]\nstack_index = 1.5\nacceptance_deg = 20");
     let cra = table("cra.csv", "height_mm,cra_deg,f_number\n0,0,2\n1,20,2\n");
     fails(&plain, &["--chief-ray-angles", &cra], &["--chief-ray-angles", "plain", "neither"]);
+    // What `shoot` cannot do is known before its film.
+    let shot = [
+        "shoot",
+        "gen:uniform?size=40&pitch_um=2&wavelengths=500,600",
+        "shot.png",
+        "--lens",
+        "double-gauss-28-npz",
+    ];
+    let shot = lenscube(&[&shot[..], &["--exposure", "1ms", "--sensor", good.to_str().unwrap()]].concat());
+    assert_exit(&shot, USAGE, &["gives no directions", "good", "lens trace --cones"]);
     // A film that another program wrote has no lens.
     fails(&good, &[], &["does not record its lens", "--lens"]);
     fails(&good, &["--lens", "double-gauss-28-npz"], &["--chief-ray-angles", "height_mm"]);
