@@ -163,18 +163,24 @@ impl AngularResponse {
         slope(sine, self.stack_index)
     }
 
-    /// Response of each channel to the ray `direction` (right, down) at the place `(height_mm, away)`, of which `away` (right, down) is the unit vector away from the axis.
-    pub(super) fn responses<'a>(
-        &'a self,
+    /// Slope (right, down) of the ray `direction` (right, down) from that for which the microlens is shifted, at the place `(height_mm, away)`, of which `away` (right, down) is the unit
+    /// vector away from the axis.
+    pub(super) fn slope_of(
+        &self,
         direction: [f64; 2],
         (height_mm, away): (f64, [f64; 2]),
         chief: f64,
-    ) -> impl Iterator<Item = f64> + use<'a> {
+    ) -> [f64; 2] {
         let [x, y] = direction;
         let per_sine = 1.0 / (self.stack_index * self.stack_index - x * x - y * y).sqrt();
         let shift = self.shift(height_mm, chief);
-        let v = [x * per_sine - shift * away[0], y * per_sine - shift * away[1]];
-        self.channels.iter().map(move |channel| channel.at(v))
+        [x * per_sine - shift * away[0], y * per_sine - shift * away[1]]
+    }
+
+    /// The first channel with the response of each.
+    pub(super) fn first_alike(&self) -> Vec<usize> {
+        let first = |c: &Acceptance| self.channels.iter().position(|own| own == c).unwrap_or_default();
+        self.channels.iter().map(first).collect()
     }
 }
 
@@ -314,12 +320,15 @@ mod tests {
             ],
         };
         let centred = AngularResponse { microlenses: Microlenses::Centred, ..response.clone() };
-        for found in centred.responses([0.24, 0.32], (5.0, [1.0, 0.0]), 0.3) {
+        let slope_of_half = centred.slope_of([0.24, 0.32], (5.0, [1.0, 0.0]), 0.3);
+        for found in centred.channels.iter().map(|channel| channel.at(slope_of_half)) {
             assert!((found - 0.5).abs() < 1e-15, "{found}");
         }
+        assert_eq!(centred.first_alike(), [0, 1]);
         // The chief ray at 45 degrees to the rows.
         let away = [0.6, 0.8];
-        for found in response.responses([0.3 * 0.6, 0.3 * 0.8], (5.0, away), 0.3) {
+        let matched = response.slope_of([0.3 * 0.6, 0.3 * 0.8], (5.0, away), 0.3);
+        for found in response.channels.iter().map(|channel| channel.at(matched)) {
             assert!((found - 1.0).abs() < 1e-15, "{found}");
         }
         let table = Microlenses::Table(vec![(0.0, 0.0), (4.0, 0.2), (8.0, 0.3)]);

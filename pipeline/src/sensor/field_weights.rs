@@ -3,11 +3,11 @@
 //! ```text
 //! W_cb(x, y) = Σ_i q_i S_c(p_i) w_cb(s_i)          p_i, q_i: directions of the cone at (x, y) in the band's wavelength and their shares; s_i = |p_i|
 //! ```
-//! w_cb(s) at 65 squares of the sine, cubic polynomials between. W at the nodes of a grid over the whole sensor, 96 cells along its longer side, and at a pixel's middle cubic polynomials of W less its value for
+//! w_cb(s) at 65 squares of the sine, cubic polynomials between. W at the nodes of a grid over the whole sensor, 48 cells along its longer side, and at a pixel's middle cubic polynomials of W less its value for
 //! perpendicular light along both axes: so a response that is 1 everywhere leaves the weights bit for bit. A pixel's weight depends on its place on the sensor, not on windows, blocks and threads.
 
 use super::Sensor;
-use super::angle::{disc, in_cone};
+use super::angle::{AngularResponse, disc, in_cone};
 use crate::geometry::Size;
 use crate::lens::cone::ConeTable;
 use crate::parts::for_each_part;
@@ -15,7 +15,7 @@ use crate::spline::lagrange_weights;
 use std::convert::Infallible;
 
 /// Cells along the longer side of a sensor, and along the other one at least.
-const CELLS: (usize, usize) = (96, 4);
+const CELLS: (usize, usize) = (48, 4);
 /// Squares of the sine at which weights behind plates are computed.
 const SINES: usize = 65;
 
@@ -145,6 +145,8 @@ struct SineWeights {
     last: f64,
     /// By channel and band: at the squares; one value without plates.
     values: Vec<Vec<Vec<f64>>>,
+    /// The first channel with the response of each.
+    alike: Vec<usize>,
 }
 
 impl SineWeights {
@@ -176,7 +178,11 @@ impl SineWeights {
             let all: Vec<Vec<f64>> = (0..count).map(at).collect();
             (0..bands_nm.len()).map(|band| all.iter().map(|of| of[band]).collect()).collect()
         };
-        Self { last, values: (0..sensor.channels.len()).map(of_channel).collect() }
+        Self {
+            last,
+            values: (0..sensor.channels.len()).map(of_channel).collect(),
+            alike: sensor.angle.as_ref().map_or_else(Vec::new, AngularResponse::first_alike),
+        }
     }
 
     /// First of the values around a square, and their weights.
@@ -205,8 +211,11 @@ impl SineWeights {
             let direction = [l * away[0] - m * away[1], l * away[1] + m * away[0]];
             match &sensor.angle {
                 Some(angle) => {
-                    let found = angle.responses(direction, (height_mm, away), cone.chief);
-                    responses.iter_mut().zip(found).for_each(|(to, v)| *to = v);
+                    let slope = angle.slope_of(direction, (height_mm, away), cone.chief);
+                    for (c, alike) in self.alike.iter().enumerate() {
+                        responses[c] =
+                            if *alike < c { responses[*alike] } else { angle.channels[c].at(slope) };
+                    }
                 }
                 None => responses.fill(1.0),
             }

@@ -300,9 +300,12 @@ impl Pass<'_> {
                 field.line((*channel, band), row, line);
             }
             let to = &mut weights[(p * pattern.rows + phase) * n..][..n];
-            for (x, (to, taps)) in (first..).zip(to.iter_mut().zip(nodes)) {
-                let column = x % pattern.columns;
-                *to = plane.0[channels[column]][band] + interpolated(&lines[column], taps);
+            // Column by column of the mosaic.
+            for (column, line) in lines.iter().enumerate() {
+                let begin = (column + pattern.columns - first % pattern.columns) % pattern.columns;
+                let uniform = plane.0[channels[column]][band];
+                let own = to.iter_mut().zip(nodes).skip(begin).step_by(pattern.columns);
+                own.for_each(|(to, taps)| *to = uniform + interpolated(line, taps));
             }
         }
     }
