@@ -270,12 +270,7 @@ struct Curves<'a> {
 
 impl Curves<'_> {
     fn wrong(&self, field: &str, expected: &str, found: &str) -> SensorError {
-        SensorError::Field {
-            path: self.path.into(),
-            field: field.into(),
-            expected: expected.into(),
-            found: found.into(),
-        }
+        check::wrong(self.path, field, expected, found)
     }
 
     /// The path and the text of a table.
@@ -288,23 +283,16 @@ impl Curves<'_> {
         }
         match builtin::table(file) {
             Some(text) => Ok((file.into(), text.into())),
-            None => Err(SensorError::Field {
-                path: self.path.into(),
-                field: field.into(),
-                expected: "a CSV file beside the description, or a built-in table".into(),
-                found: format!("no file {file}"),
-            }),
+            None => {
+                let expected = "a CSV file beside the description, or a built-in table";
+                Err(self.wrong(field, expected, &format!("no file {file}")))
+            }
         }
     }
 
     fn channels(&self, names: &[(String, FilterText)]) -> Result<Vec<Channel>, SensorError> {
         let s = &self.text.spectral;
-        let missing = |field: String, expected: &str| SensorError::Field {
-            path: self.path.into(),
-            field,
-            expected: expected.into(),
-            found: "nothing".into(),
-        };
+        let missing = |field: String, expected: &str| self.wrong(&field, expected, "nothing");
         let plane =
             |(name, filter): &(String, FilterText)| filter.plane.clone().unwrap_or_else(|| name.clone());
         if let Some(constant) = s.constant {
@@ -392,15 +380,18 @@ pub fn relative_power(path: &Path) -> Result<Curve, SensorError> {
 /// # Errors
 /// As [`film_reflectance`].
 pub fn chief_ray_angles(path: &Path) -> Result<Vec<[f64; 3]>, SensorError> {
-    let missing = || SensorError::Table { path: path.into(), problem: "is not there".into() };
-    let text = read(path, MAX_TABLE)?.ok_or_else(missing)?;
-    let rows = table::columns(path, &text, ["height_mm", "cra_deg", "f_number"])?;
+    let rows = table::columns(path, &text_at(path)?, ["height_mm", "cra_deg", "f_number"])?;
     Ok(rows.into_iter().map(|(_, row)| row).collect())
 }
 
 fn table_at(path: &Path, column: &str, quantity: Quantity) -> Result<Curve, SensorError> {
+    table::curve(path, &text_at(path)?, column, quantity)
+}
+
+/// The text of a table.
+fn text_at(path: &Path) -> Result<String, SensorError> {
     let missing = || SensorError::Table { path: path.into(), problem: "is not there".into() };
-    table::curve(path, &read(path, MAX_TABLE)?.ok_or_else(missing)?, column, quantity)
+    read(path, MAX_TABLE)?.ok_or_else(missing)
 }
 
 /// Replaces one field: `noise.prnu=0`.

@@ -32,6 +32,7 @@ pub(super) const REFERENCE_POINT: &str = "reference_point";
 pub(super) struct Extras {
     /// Tails of the PSFs.
     pub(super) has_tail: bool,
+    /// Directions of the light at the film.
     pub(super) has_cones: bool,
 }
 

@@ -66,11 +66,12 @@ pub(super) fn tables(store: &PackStore, notes: &mut Vec<String>) -> Result<Table
         1.0
     })?;
     let sample = head.sample()?;
-    let mut cones = match head.extras()?.has_cones {
+    let extras = head.extras()?;
+    let mut cones = match extras.has_cones {
         true => cones::read(&tables)?,
         false => vec![None; bands],
     };
-    let mut tails = match head.extras()?.has_tail {
+    let mut tails = match extras.has_tail {
         true => tail::read(&tables)?,
         false => vec![None; bands],
     };

@@ -14,7 +14,7 @@ const MAX_PERIOD: usize = 8;
 /// Greatest quantum efficiency that rounding of tables explains.
 const MAX_EFFICIENCY: f64 = 1.0 + 1e-9;
 
-fn wrong(path: &Path, field: &str, expected: impl Display, found: impl Display) -> SensorError {
+pub(super) fn wrong(path: &Path, field: &str, expected: impl Display, found: impl Display) -> SensorError {
     let (expected, found) = (expected.to_string(), found.to_string());
     SensorError::Field { path: path.into(), field: field.into(), expected, found }
 }

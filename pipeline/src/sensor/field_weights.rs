@@ -134,7 +134,11 @@ fn middle(pixel: usize) -> f64 {
 
 /// First of the four nodes around a place, pixels from the first edge of `pixels`, and their weights.
 fn taps(place: f64, pixels: usize, cells: usize) -> (usize, [f64; 4]) {
-    let u = place * cells as f64 / pixels as f64;
+    around(place * cells as f64 / pixels as f64, cells)
+}
+
+/// First of the four nodes of `cells` cells around `u`, in cells, and their weights.
+fn around(u: f64, cells: usize) -> (usize, [f64; 4]) {
     let cell = u.floor().clamp(1.0, (cells - 2) as f64);
     (cell as usize - 1, lagrange_weights(u - cell))
 }
@@ -168,12 +172,7 @@ impl SineWeights {
         let of_channel = |channel: usize| {
             let at = |k: usize| {
                 let square = if count == 1 { 0.0 } else { last * k as f64 / (count - 1) as f64 };
-                let weights = sensor.band_weights_at(channel, bands_nm, square);
-                weights
-                    .iter()
-                    .zip(scales)
-                    .map(|(w, scale)| w * sensor.area_m2() * scale)
-                    .collect::<Vec<f64>>()
+                sensor.electron_weights(channel, (bands_nm, scales), square)
             };
             let all: Vec<Vec<f64>> = (0..count).map(at).collect();
             (0..bands_nm.len()).map(|band| all.iter().map(|of| of[band]).collect()).collect()
@@ -187,9 +186,7 @@ impl SineWeights {
 
     /// First of the values around a square, and their weights.
     fn taps(&self, square: f64) -> (usize, [f64; 4]) {
-        let u = (square / self.last).min(1.0) * (SINES - 1) as f64;
-        let cell = u.floor().clamp(1.0, (SINES - 3) as f64);
-        (cell as usize - 1, lagrange_weights(u - cell))
+        around((square / self.last).min(1.0) * (SINES - 1) as f64, SINES - 1)
     }
 
     /// W − w of `band` at (x, y) mm from the axis, of each channel into `out`, channel by channel of all bands.

@@ -80,8 +80,19 @@ impl Sensor {
         self.band_weights_at(channel, bands_nm, 0.0)
     }
 
+    /// Electrons per second of film values of 1, of which `factors` are the irradiances (W m⁻² nm⁻¹) in the bands, behind plates at the square of the sine of the angle of incidence.
+    pub(super) fn electron_weights(
+        &self,
+        channel: usize,
+        (bands_nm, factors): (&[f64], &[f64]),
+        sine_square: f64,
+    ) -> Vec<f64> {
+        let weights = self.band_weights_at(channel, bands_nm, sine_square);
+        std::iter::zip(weights, factors).map(|(w, f)| w * self.area_m2() * f).collect()
+    }
+
     /// [`Sensor::band_weights`] behind plates at the square of the sine of the angle of incidence.
-    pub(super) fn band_weights_at(&self, channel: usize, bands_nm: &[f64], sine_square: f64) -> Vec<f64> {
+    fn band_weights_at(&self, channel: usize, bands_nm: &[f64], sine_square: f64) -> Vec<f64> {
         let (nodes, w) = (self.nodes_at(channel, sine_square), bands_nm);
         let channel = (channel, sine_square);
         let flat = |low, high| self.integral(channel, &nodes, (low, high), |_| 1.0);

@@ -24,11 +24,7 @@ pub struct BandWeights(Vec<Vec<f64>>, Option<Arc<FieldWeights>>);
 impl BandWeights {
     /// Electrons per second of a mean spectral irradiance (W m⁻² nm⁻¹), times `factors`, the irradiance of a film value of 1 in each band.
     pub fn electrons(sensor: &Sensor, bands_nm: &[f64], factors: &[f64]) -> Self {
-        let area = sensor.area_m2();
-        let of = |channel| {
-            let weights = sensor.band_weights(channel, bands_nm);
-            std::iter::zip(weights, factors).map(|(w, f)| w * area * f).collect()
-        };
+        let of = |channel| sensor.electron_weights(channel, (bands_nm, factors), 0.0);
         Self((0..sensor.channels.len()).map(of).collect(), None)
     }
 

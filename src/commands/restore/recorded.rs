@@ -18,6 +18,7 @@ use std::path::PathBuf;
 
 /// Bytes of decoded chunks of the film.
 const CACHE_BYTES: usize = 64 << 20;
+
 /// A complete film.
 pub struct Recorded {
     store: FilmStore,
