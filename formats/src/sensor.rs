@@ -2,11 +2,12 @@
 //!
 //! A description is read whole and checked before anything else happens: unknown fields are errors with line and column, numbers out of range
 //! with field, expected and found. A curve's file is in the directory of the description; a name without a file there is looked up among the built-in
-//! tables. The angles of incidence are in `angle`. [`SensorFile::sensor`] is the sensor of the pipeline, [`SensorFile::record`] its record in a raw.
+//! tables. The angles of incidence are in `angle`, crosstalk in `crosstalk`. [`SensorFile::sensor`] is the sensor of the pipeline, [`SensorFile::record`] its record in a raw.
 
 mod angle;
 mod builtin;
 mod check;
+mod crosstalk;
 mod error;
 mod table;
 mod text;
@@ -14,7 +15,7 @@ mod text;
 use std::collections::BTreeSet;
 use std::path::{Path, PathBuf};
 
-use pipeline::sensor::{Adc, Channel, Curve, Pattern, Pixel, QuantumEfficiencyOf, Sensor};
+use pipeline::sensor::{Adc, Channel, Curve, Overflow, Pattern, Pixel, QuantumEfficiencyOf, Sensor};
 use serde_json::{Map, Value, json};
 
 pub use builtin::builtin_names;
@@ -23,6 +24,7 @@ pub use error::SensorError;
 use crate::durable::{Directory, is_url, parent_of};
 use crate::toml_error::located;
 use angle::{AngleFile, PlateFile};
+use crosstalk::CrosstalkFile;
 use table::Quantity;
 use text::{AreaText, FilterText, PitchText, QuantityText, SCHEMA, SensorText};
 
@@ -40,10 +42,21 @@ pub struct SensorFile {
     filters: Vec<Curve>,
     angle: Option<AngleFile>,
     plates: Vec<PlateFile>,
+    crosstalk: Option<CrosstalkFile>,
     pattern: Pattern,
 }
 
-/// Fields that `--set` replaces, as `table.field`: those of the built-in descriptions.
+/// Fields that no built-in description has.
+const LATER_FIELDS: [&str; 6] = [
+    "pixel.knee",
+    "pixel.blooming",
+    "crosstalk.file",
+    "crosstalk.diffusion_length_um",
+    "crosstalk.depletion_um",
+    "crosstalk.absorption",
+];
+
+/// Fields that `--set` replaces, as `table.field`: those of the built-in descriptions and a few more.
 pub fn field_names() -> BTreeSet<String> {
     let mut names = BTreeSet::new();
     for text in builtin_names().into_iter().filter_map(builtin::description) {
@@ -54,6 +67,7 @@ pub fn field_names() -> BTreeSet<String> {
             names.extend(fields.map(|field| format!("{table}.{field}")));
         }
     }
+    names.extend(LATER_FIELDS.map(str::to_owned));
     names
 }
 
@@ -130,7 +144,8 @@ impl SensorFile {
         let angle = text.angle.as_ref().map(|angle| AngleFile::read(&curves, angle, &names)).transpose()?;
         let plates =
             text.plate.iter().map(|plate| PlateFile::read(&curves, plate)).collect::<Result<_, _>>()?;
-        let file = Self { text, set, channels, filters, angle, plates, pattern };
+        let crosstalk = text.crosstalk.as_ref().map(|text| CrosstalkFile::read(&curves, text)).transpose()?;
+        let file = Self { text, set, channels, filters, angle, plates, crosstalk, pattern };
         check::sensor(path, &file)?;
         Ok(file)
     }
@@ -144,18 +159,20 @@ impl SensorFile {
     pub fn sensor(&self, film_pitch_um: f64) -> Sensor {
         let (p, a) = (&self.text.pixel, &self.text.adc);
         let pitch_um = self.pitch_um().unwrap_or(film_pitch_um);
+        let aperture_um = p.aperture_um.unwrap_or(pitch_um);
         Sensor {
             name: self.text.name.clone(),
             description: self.text.description.clone(),
             pixel: Pixel {
                 pitch_um,
                 size: p.size,
-                aperture_um: p.aperture_um.unwrap_or(pitch_um),
+                aperture_um,
                 quantum_efficiency_of: match p.quantum_efficiency_of {
                     AreaText::Pixel => QuantumEfficiencyOf::Pixel,
                     AreaText::Aperture => QuantumEfficiencyOf::Aperture,
                 },
                 full_well_e: p.full_well_e,
+                overflow: Overflow { knee: p.knee, blooming: p.blooming },
                 dark_current_e_per_s: p.dark_current_e_per_s,
                 dark_reference_c: p.dark_reference_c,
                 dark_doubling_k: p.dark_doubling_k,
@@ -173,6 +190,7 @@ impl SensorFile {
             filters: self.filters.clone(),
             plates: self.plates.iter().map(PlateFile::plate).collect(),
             angle: self.angle.as_ref().map(AngleFile::response),
+            crosstalk: self.crosstalk.as_ref().map(|file| file.crosstalk(pitch_um, aperture_um)),
             pattern: self.pattern.clone(),
         }
     }
@@ -212,6 +230,9 @@ impl SensorFile {
         }
         if !self.plates.is_empty() {
             record["plates"] = serde_json::to_value(&self.plates).expect("names and numbers are JSON");
+        }
+        if let Some(crosstalk) = &self.crosstalk {
+            record["crosstalk"] = serde_json::to_value(crosstalk).expect("names and numbers are JSON");
         }
         record
     }
@@ -257,7 +278,13 @@ impl SensorFile {
         if angle.is_some() != text.angle.is_some() || plates.len() != text.plate.len() {
             return Err(damaged("its response over the angle".into()));
         }
-        Ok(Self { text, set, channels, filters, angle, plates, pattern })
+        let crosstalk: Option<CrosstalkFile> = serde_json::from_value(record["crosstalk"].clone())
+            .map_err(|e| damaged(format!("crosstalk: {e}")))?;
+        crosstalk.as_ref().map_or(Ok(()), CrosstalkFile::check).map_err(wrong)?;
+        if crosstalk.is_some() != text.crosstalk.is_some() {
+            return Err(damaged("its crosstalk".into()));
+        }
+        Ok(Self { text, set, channels, filters, angle, plates, crosstalk, pattern })
     }
 }
 

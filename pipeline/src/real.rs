@@ -6,8 +6,8 @@
 //! depends on the host: the roots of unity of rustfft, computed in f64; the PSF stage rounds them to f32.
 
 pub use libm::{
-    asin, atan, atan2, cbrt, cos, exp, expm1, hypot, log, log1p, log2, log10, pow, sin, sincos as sin_cos,
-    tan,
+    asin, atan, atan2, cbrt, cos, erfc, exp, expm1, hypot, log, log1p, log2, log10, pow, sin,
+    sincos as sin_cos, tan,
 };
 
 #[cfg(test)]

@@ -3,9 +3,9 @@
 //! Of a sensor pixel with the filter c, in this order (z, u: independent standard normal and uniform numbers, [`random`]):
 //!
 //! ```text
-//! signal (e-/s)  = A · Σ_b w_cb · ⟨E_b⟩                                             spectrum, pixels, stream; w_cb(place): angle, field_weights
+//! signal (e-/s)  = A · Σ_b w_cb · ⟨E_b⟩                                             spectrum, pixels, stream; w_cb(place): angle, field_weights; between pixels: crosstalk, diffusion, spread
 //! mean (e-)      = max(signal, 0)·κ·t·max(1 + PRNU·z, 0) + D(T)·max(1 + DCNU·z, 0)·t   noise
-//! charge (e-)    = min(Poisson(mean), full well)                                    noise, quantile
+//! charge (e-)    = held(Poisson(mean)) + received; min(Poisson(mean), full well) without knee and blooming    noise, quantile, overflow
 //! read (e-)      = (charge + DSNU·z + reset·z + read·z + column offset·z + row·z)·(1 + column gain·z)
 //! raw (DN)       = clip(⌊black + g·K·read + adc·z + ½⌋, 0, 2^bits − 1)
 //! ```
@@ -16,7 +16,7 @@
 //! share of light that is not caught, so it has shot noise. PRNU, DCNU, DSNU and the column terms belong to the die and are the same in
 //! every frame; shot, reset, read, converter and row noise belong to the frame.
 //!
-//! Left out: crosstalk, blooming, lag, non-linearity, rolling shutter. A raw of a given signal has the same bits on every
+//! Left out: lag, black sun, non-linearity of the electronics, rolling shutter. A raw of a given signal has the same bits on every
 //! machine, in any region, order and number of threads.
 //!
 //! # Words
@@ -26,7 +26,9 @@
 //!   the colour that filters belong to. **mosaic**: one filter per pixel; **demosaicing** interpolates every plane at every pixel.
 
 pub mod angle;
+pub mod crosstalk;
 mod curve;
+pub mod diffusion;
 pub mod emva;
 pub mod exposure;
 pub mod field_weights;
@@ -34,18 +36,22 @@ pub mod figures;
 mod lanes;
 mod model;
 pub mod noise;
+pub mod overflow;
 pub mod pixels;
 pub mod quantile;
 pub mod random;
 pub mod response_map;
 pub mod spectrum;
+pub mod spread;
 pub mod stream;
 mod variance;
 
+pub use crosstalk::Crosstalk;
 pub use curve::Curve;
 pub use exposure::{Exposure, SignalHistogram};
 pub use figures::{NoiseFigures, NoiseSet};
 pub use model::{Adc, Channel, Pattern, Pixel, QuantumEfficiencyOf, Sensor};
+pub use overflow::Overflow;
 pub use quantile::LANES;
 pub use spectrum::HC_J_M;
 pub use variance::NoiseVariance;

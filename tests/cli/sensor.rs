@@ -4,6 +4,7 @@ mod angles;
 mod bad_input;
 mod bits;
 mod catalogue;
+mod crosstalk;
 mod interruption;
 mod light;
 

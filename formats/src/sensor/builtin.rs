@@ -16,10 +16,11 @@ const SENSORS: [(&str, &str); 7] = files!(
 );
 
 /// Tables by file name.
-const TABLES: [(&str, &str); 6] = files!(
+const TABLES: [(&str, &str); 7] = files!(
     "cmv12000-angular.csv": "data/sensors/cmv12000-angular.csv",
     "cmv12000-qe.csv": "data/sensors/cmv12000-qe.csv",
     "ir-cut-bir690.csv": "data/sensors/ir-cut-bir690.csv",
+    "silicon-absorption.csv": "data/sensors/silicon-absorption.csv",
     "mt9v024-qe.csv": "data/sensors/mt9v024-qe.csv",
     "sony-a7r2-response.csv": "data/sensors/sony-a7r2-response.csv",
     "cie1931-cmf-illuminants.csv": "../pipeline/data/cie1931-cmf-illuminants.csv",

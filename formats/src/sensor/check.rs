@@ -52,6 +52,8 @@ pub(super) fn fields(path: &Path, t: &SensorText) -> Result<(), SensorError> {
         }
     }
     above("pixel.full_well_e", p.full_well_e, 1e9)?;
+    above("pixel.knee", p.knee, 1.0)?;
+    within("pixel.blooming", p.blooming, (0.0, 1.0))?;
     within("pixel.dark_current_e_per_s", p.dark_current_e_per_s, (0.0, 1e9))?;
     within("pixel.dark_reference_c", p.dark_reference_c, (-273.0, 200.0))?;
     within("pixel.dark_doubling_k", p.dark_doubling_k, (1.0, 100.0))?;

@@ -27,18 +27,29 @@ pub(super) fn columns<const N: usize>(
     text: &str,
     wanted: [&str; N],
 ) -> Result<Vec<(usize, [f64; N])>, SensorError> {
+    let rows = rows(path, text, &wanted, 2)?;
+    Ok(rows.into_iter().map(|(line, row)| (line, std::array::from_fn(|k| row[k]))).collect())
+}
+
+/// [`columns`], at least `least` rows.
+pub(super) fn rows(
+    path: &Path,
+    text: &str,
+    wanted: &[&str],
+    least: usize,
+) -> Result<Vec<(usize, Vec<f64>)>, SensorError> {
     let fail = |problem: String| SensorError::Table { path: path.into(), problem };
     let mut lines = text.lines().enumerate().map(|(i, l)| (i + 1, l.trim())).filter(|(_, l)| !l.is_empty());
     let (_, head) =
         lines.next().ok_or_else(|| fail(format!("is empty, expected a header line with {}", wanted[0])))?;
     let names = names_of(head);
-    let mut places = [0; N];
-    for (place, name) in places.iter_mut().zip(wanted) {
-        *place = names.iter().position(|n| *n == name).ok_or_else(|| {
+    let place = |name: &&str| {
+        names.iter().position(|n| n == name).ok_or_else(|| {
             fail(format!("expected a column `{name}`, found the columns {}", names.join(", ")))
-        })?;
-    }
-    let mut rows = Vec::new();
+        })
+    };
+    let places: Vec<usize> = wanted.iter().map(place).collect::<Result<_, _>>()?;
+    let mut rows: Vec<(usize, Vec<f64>)> = Vec::new();
     for (line, text) in lines {
         let cells: Vec<&str> = text.split(',').map(str::trim).collect();
         if cells.len() != names.len() {
@@ -51,19 +62,15 @@ pub(super) fn columns<const N: usize>(
         if rows.len() == MAX_ROWS {
             return Err(fail(format!("line {line}: more than {MAX_ROWS} rows")));
         }
-        let mut numbers = [0.0; N];
-        for (to, k) in numbers.iter_mut().zip(places) {
-            *to = match cells[k].parse::<f64>() {
-                Ok(v) if v.is_finite() => v,
-                _ => {
-                    return Err(fail(format!(
-                        "line {line}, column {}: expected a number, found `{}`",
-                        names[k], cells[k]
-                    )));
-                }
-            };
-        }
-        if let Some((_, last)) = rows.last().filter(|(_, last): &&(usize, [f64; N])| last[0] >= numbers[0]) {
+        let number = |k: &usize| match cells[*k].parse::<f64>() {
+            Ok(v) if v.is_finite() => Ok(v),
+            _ => Err(fail(format!(
+                "line {line}, column {}: expected a number, found `{}`",
+                names[*k], cells[*k]
+            ))),
+        };
+        let numbers: Vec<f64> = places.iter().map(number).collect::<Result<_, _>>()?;
+        if let Some((_, last)) = rows.last().filter(|(_, last)| last[0] >= numbers[0]) {
             return Err(fail(format!(
                 "line {line}: expected a {} above {}, the row before, found {}",
                 wanted[0], last[0], numbers[0]
@@ -71,9 +78,10 @@ pub(super) fn columns<const N: usize>(
         }
         rows.push((line, numbers));
     }
-    match rows.len() {
-        0 | 1 => Err(fail(format!("expected two rows of numbers or more, found {}", rows.len()))),
-        _ => Ok(rows),
+    let expected = if least == 1 { "a row of numbers" } else { "two rows of numbers" };
+    match rows.len() < least {
+        true => Err(fail(format!("expected {expected} or more, found {}", rows.len()))),
+        false => Ok(rows),
     }
 }
 

@@ -23,6 +23,8 @@ pub(super) struct SensorText {
     pub angle: Option<AngleText>,
     #[serde(default, skip_serializing_if = "Vec::is_empty")]
     pub plate: Vec<PlateText>,
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub crosstalk: Option<CrosstalkText>,
     pub cfa: BTreeMap<String, CfaText>,
     pub source: BTreeMap<String, String>,
 }
@@ -38,6 +40,10 @@ pub(super) struct PixelText {
     #[serde(default)]
     pub quantum_efficiency_of: AreaText,
     pub full_well_e: f64,
+    #[serde(default = "no_knee", skip_serializing_if = "is_no_knee")]
+    pub knee: f64,
+    #[serde(default, skip_serializing_if = "is_zero")]
+    pub blooming: f64,
     #[serde(default)]
     pub dark_current_e_per_s: f64,
     #[serde(default = "reference_c")]
@@ -52,6 +58,18 @@ fn reference_c() -> f64 {
 
 fn doubling_k() -> f64 {
     7.0
+}
+
+fn no_knee() -> f64 {
+    1.0
+}
+
+fn is_no_knee(knee: &f64) -> bool {
+    *knee == no_knee()
+}
+
+fn is_zero(value: &f64) -> bool {
+    *value == 0.0
 }
 
 #[derive(Clone, Debug, Deserialize, Serialize)]
@@ -191,4 +209,18 @@ pub(super) struct PlateText {
 pub(super) enum PlateWord {
     Interference,
     Absorbing,
+}
+
+/// What pixels collect of the light of their neighbours: a table, diffusion, or the one and then the other.
+#[derive(Clone, Debug, Deserialize, Serialize)]
+#[serde(deny_unknown_fields)]
+pub(super) struct CrosstalkText {
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub file: Option<String>,
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub diffusion_length_um: Option<f64>,
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub depletion_um: Option<f64>,
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub absorption: Option<String>,
 }

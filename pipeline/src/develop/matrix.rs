@@ -102,6 +102,7 @@ pub fn patch_targets(light: Illuminant) -> Vec<[f64; 3]> {
 
 /// Balanced response of each plane to each patch; 1 for a white.
 pub fn patch_responses(sensor: &Sensor, light: Illuminant) -> Vec<Vec<f64>> {
+    let sensor = &*sensor.in_uniform_light();
     let grid: Vec<f64> =
         (0..=((LAST_NM - FIRST_NM) / 5.0) as u32).map(|i| FIRST_NM + 5.0 * f64::from(i)).collect();
     let filter = |c: usize| -> Vec<f64> {

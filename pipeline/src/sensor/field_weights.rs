@@ -93,6 +93,14 @@ impl FieldWeights {
         Self { size, cells, differences }
     }
 
+    /// Times `factors`, by channel and band.
+    pub(super) fn times(&self, factors: &[Vec<f64>]) -> Self {
+        let of = |(nodes, factor): (&Vec<f64>, &f64)| nodes.iter().map(|v| v * factor).collect();
+        let channel =
+            |(bands, factors): (&Vec<Vec<f64>>, &Vec<f64>)| bands.iter().zip(factors).map(of).collect();
+        Self { differences: self.differences.iter().zip(factors).map(channel).collect(), ..self.clone() }
+    }
+
     /// First node and weights of the four along the rows of a sensor for each of `columns`.
     pub(super) fn column_taps(&self, columns: impl Iterator<Item = usize>) -> Vec<(usize, [f64; 4])> {
         columns.map(|column| taps(middle(column), self.size.width, self.cells.1)).collect()

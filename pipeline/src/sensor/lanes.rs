@@ -5,7 +5,7 @@
     reason = "instructions that the build does not assume, called after they were detected"
 )]
 
-use super::noise::{ExposeRow, expose_row};
+use super::noise::{ExposeRow, charge_row, expose_row};
 
 /// An instruction set that loops over pixels are compiled for.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -64,6 +64,19 @@ impl Set {
             Self::Portable => expose_row(row, signal, out),
         }
     }
+
+    /// [`charge_row`] by these instructions.
+    pub(super) fn charge_row(self, row: &ExposeRow<'_>, signal: &[f32], out: &mut [f64]) {
+        match self {
+            // SAFETY: as for `expose_row`.
+            #[cfg(target_arch = "x86_64")]
+            Self::Avx512 => unsafe { avx512_charge(row, signal, out) },
+            // SAFETY: as for `expose_row`.
+            #[cfg(target_arch = "x86_64")]
+            Self::Avx2 => unsafe { avx2_charge(row, signal, out) },
+            Self::Portable => charge_row(row, signal, out),
+        }
+    }
 }
 
 #[cfg(target_arch = "x86_64")]
@@ -76,4 +89,16 @@ fn avx512(row: &ExposeRow<'_>, signal: &[f32], out: &mut [u16]) {
 #[target_feature(enable = "avx2")]
 fn avx2(row: &ExposeRow<'_>, signal: &[f32], out: &mut [u16]) {
     expose_row(row, signal, out);
+}
+
+#[cfg(target_arch = "x86_64")]
+#[target_feature(enable = "avx512f,avx512dq,avx512vl")]
+fn avx512_charge(row: &ExposeRow<'_>, signal: &[f32], out: &mut [f64]) {
+    charge_row(row, signal, out);
+}
+
+#[cfg(target_arch = "x86_64")]
+#[target_feature(enable = "avx2")]
+fn avx2_charge(row: &ExposeRow<'_>, signal: &[f32], out: &mut [f64]) {
+    charge_row(row, signal, out);
 }

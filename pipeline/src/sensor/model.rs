@@ -1,8 +1,10 @@
 //! What a sensor is: pixels, noises, converter, mosaic, and the figures that follow from them.
 
 use super::angle::{AngularResponse, Plate};
+use super::crosstalk::Crosstalk;
 use super::curve::Curve;
 use super::figures::{NoiseFigures, NoiseSet};
+use super::overflow::Overflow;
 use super::quantile;
 
 /// What a quantum efficiency is stated for.
@@ -27,6 +29,8 @@ pub struct Pixel {
     pub quantum_efficiency_of: QuantumEfficiencyOf,
     /// Electrons that it holds.
     pub full_well_e: f64,
+    /// How it fills and overflows.
+    pub overflow: Overflow,
     /// Dark current at the reference temperature, e-/s.
     pub dark_current_e_per_s: f64,
     /// Reference temperature, °C.
@@ -84,6 +88,8 @@ pub struct Sensor {
     pub plates: Vec<Plate>,
     /// Response of the pixels over the angle of incidence; none: the same for all.
     pub angle: Option<AngularResponse>,
+    /// What pixels collect of the light of others; none: nothing.
+    pub crosstalk: Option<Crosstalk>,
     /// Channel of each pixel of a period.
     pub pattern: Pattern,
 }

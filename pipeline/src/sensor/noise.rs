@@ -4,6 +4,7 @@
 //! the steps. A quantity whose noise is off or whose standard deviation is 0 draws no numbers; its terms drop out exactly.
 
 use super::lanes::Set;
+use super::overflow::Overflow;
 use super::quantile::{normal_quantile, normal_quantiles, poissons};
 use super::random::{Stream, uniform_pair, uniforms};
 use super::{Exposure, LANES, NoiseFigures, NoiseSet, Sensor};
@@ -20,6 +21,7 @@ pub struct Exposer {
     /// Mean dark charge, e-.
     dark_e: f64,
     full_well_e: f64,
+    overflow: Overflow,
     black_dn: f64,
     dn_per_e: f64,
     max_dn: f64,
@@ -39,6 +41,8 @@ pub(super) struct ExposeRow<'a> {
     /// Offset (e-) and gain of each column; empty if there is none.
     column_offset_e: &'a [f64],
     column_gain: &'a [f64],
+    /// Electrons received from other pixels; empty if none are.
+    received_e: &'a [f32],
 }
 
 /// Counts of pixels at the converter's ends.
@@ -60,6 +64,7 @@ impl Exposer {
             signal_scale: e.scale * e.seconds,
             dark_e: e.noise.on(NoiseSet::DARK, dark),
             full_well_e: sensor.pixel.full_well_e,
+            overflow: sensor.pixel.overflow,
             black_dn: sensor.adc.black_dn,
             dn_per_e: e.gain * sensor.adc.gain_dn_per_e,
             max_dn: sensor.max_dn(),
@@ -70,19 +75,40 @@ impl Exposer {
         }
     }
 
+    /// How the sensor's pixels fill and overflow.
+    pub fn overflow(&self) -> Overflow {
+        self.overflow
+    }
+
+    /// Electrons that a pixel holds.
+    pub fn full_well_e(&self) -> f64 {
+        self.full_well_e
+    }
+
     /// Digital numbers of the sensor pixels `rect` from their signal (e-/s), both row by row.
     ///
     /// # Panics
     /// If the lengths are not those of `rect`, or it begins before the sensor's first pixel.
     pub fn expose(&self, signal: &[f32], rect: Rect, out: &mut [u16]) {
+        self.expose_with(signal, &[], rect, out);
+    }
+
+    /// [`Exposer::expose`] of pixels that receive `received_e` electrons from others ([`super::overflow::received`]); none if it is empty.
+    ///
+    /// # Panics
+    /// As [`Exposer::expose`].
+    pub fn expose_with(&self, signal: &[f32], received_e: &[f32], rect: Rect, out: &mut [u16]) {
         assert!(
             signal.len() == rect.size().pixels() && out.len() == signal.len() && rect.y >= 0 && rect.x >= 0
         );
+        assert!(received_e.is_empty() || received_e.len() == signal.len());
         let columns = self.columns(rect);
         for (i, (signal, out)) in
             std::iter::zip(signal.chunks(rect.width), out.chunks_mut(rect.width)).enumerate()
         {
             let row = rect.y as u32 + i as u32;
+            let received_e =
+                if received_e.is_empty() { &[] } else { &received_e[i * rect.width..][..rect.width] };
             let row = ExposeRow {
                 exposer: self,
                 row,
@@ -90,8 +116,33 @@ impl Exposer {
                 offset_e: self.row_offset_e(row),
                 column_offset_e: &columns.0,
                 column_gain: &columns.1,
+                received_e,
             };
             self.set.expose_row(&row, signal, out);
+        }
+    }
+
+    /// Charges (e-) of the sensor pixels `rect` before the full well, from their signal (e-/s), all row by row.
+    ///
+    /// # Panics
+    /// As [`Exposer::expose`].
+    pub fn charges(&self, signal: &[f32], rect: Rect, out: &mut [f64]) {
+        assert!(
+            signal.len() == rect.size().pixels() && out.len() == signal.len() && rect.y >= 0 && rect.x >= 0
+        );
+        for (i, (signal, out)) in
+            std::iter::zip(signal.chunks(rect.width), out.chunks_mut(rect.width)).enumerate()
+        {
+            let row = ExposeRow {
+                exposer: self,
+                row: rect.y as u32 + i as u32,
+                column: rect.x as u32,
+                offset_e: 0.0,
+                column_offset_e: &[],
+                column_gain: &[],
+                received_e: &[],
+            };
+            self.set.charge_row(&row, signal, out);
         }
     }
 
@@ -138,18 +189,36 @@ fn vary(by: &mut [f64; LANES], sigma: f64, u: &[f64; LANES]) {
 #[inline(always)]
 pub(super) fn expose_row(row: &ExposeRow<'_>, signal: &[f32], out: &mut [u16]) {
     for (k, (signal, out)) in std::iter::zip(signal.chunks(LANES), out.chunks_mut(LANES)).enumerate() {
-        let mut lanes = [0.0; LANES];
-        for (to, s) in std::iter::zip(&mut lanes, signal) {
-            *to = f64::from(if *s > 0.0 { *s } else { 0.0 });
-        }
-        let dn = expose_lanes(row, k * LANES, lanes);
+        let dn = expose_lanes(row, k * LANES, light(signal));
         std::iter::zip(out, &dn).for_each(|(out, dn)| *out = *dn);
     }
 }
 
-/// [`LANES`] pixels from column `first` of the tile on; `signal` is not negative.
+/// Charges of one row of a tile before the full well.
 #[inline(always)]
-fn expose_lanes(row: &ExposeRow<'_>, first: usize, signal: [f64; LANES]) -> [u16; LANES] {
+pub(super) fn charge_row(row: &ExposeRow<'_>, signal: &[f32], out: &mut [f64]) {
+    for (k, (signal, out)) in std::iter::zip(signal.chunks(LANES), out.chunks_mut(LANES)).enumerate() {
+        let (charge, ..) = charge_lanes(row, k * LANES, light(signal));
+        std::iter::zip(out, &charge).for_each(|(out, charge)| *out = *charge);
+    }
+}
+
+/// At most [`LANES`] pixels of a signal, negative ones as 0.
+#[inline(always)]
+fn light(signal: &[f32]) -> [f64; LANES] {
+    let mut lanes = [0.0; LANES];
+    for (to, s) in std::iter::zip(&mut lanes, signal) {
+        *to = f64::from(if *s > 0.0 { *s } else { 0.0 });
+    }
+    lanes
+}
+
+/// Numbers of [`LANES`] pixels.
+type Lanes = [f64; LANES];
+
+/// Charges of [`LANES`] pixels from column `first` of the tile on before the full well, and the uniform numbers of their DSNU and read noise; `signal` is not negative.
+#[inline(always)]
+fn charge_lanes(row: &ExposeRow<'_>, first: usize, signal: Lanes) -> (Lanes, Lanes, Lanes) {
     let e = row.exposer;
     let s = &e.sigma;
     let column = row.column.wrapping_add(first as u32);
@@ -172,12 +241,25 @@ fn expose_lanes(row: &ExposeRow<'_>, first: usize, signal: [f64; LANES]) -> [u16
         true => uniforms(Stream::ShotRead, row.row, column, e.frame, e.seed),
         false => [[0.5; LANES]; 2],
     };
-    let mut charge = if e.shot { poissons(&mean, &own[0]) } else { mean };
+    let charge = if e.shot { poissons(&mean, &own[0]) } else { mean };
+    (charge, die[1], own[1])
+}
+
+/// [`LANES`] pixels from column `first` of the tile on; `signal` is not negative.
+#[inline(always)]
+fn expose_lanes(row: &ExposeRow<'_>, first: usize, signal: Lanes) -> [u16; LANES] {
+    let e = row.exposer;
+    let s = &e.sigma;
+    let column = row.column.wrapping_add(first as u32);
+    let (mut charge, of_dsnu, of_read) = charge_lanes(row, first, signal);
     for v in &mut charge {
-        *v = if *v < e.full_well_e { *v } else { e.full_well_e };
+        *v = e.overflow.held(*v, e.full_well_e);
+    }
+    if !row.received_e.is_empty() {
+        std::iter::zip(&mut charge, &row.received_e[first..]).for_each(|(v, r)| *v += f64::from(*r));
     }
     if s.dsnu_e != 0.0 {
-        add_noise(&mut charge, s.dsnu_e, &die[1]);
+        add_noise(&mut charge, s.dsnu_e, &of_dsnu);
     }
     let reset = match s.reset_noise_e != 0.0 || s.adc_noise_dn != 0.0 {
         true => uniforms(Stream::ResetAdc, row.row, column, e.frame, e.seed),
@@ -187,7 +269,7 @@ fn expose_lanes(row: &ExposeRow<'_>, first: usize, signal: [f64; LANES]) -> [u16
         add_noise(&mut charge, s.reset_noise_e, &reset[0]);
     }
     if s.read_noise_e != 0.0 {
-        add_noise(&mut charge, s.read_noise_e, &own[1]);
+        add_noise(&mut charge, s.read_noise_e, &of_read);
     }
     if !row.column_offset_e.is_empty() {
         std::iter::zip(&mut charge, &row.column_offset_e[first..]).for_each(|(v, offset)| *v += offset);

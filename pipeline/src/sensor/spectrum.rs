@@ -93,9 +93,33 @@ impl Sensor {
 
     /// [`Sensor::band_weights`] behind plates at the square of the sine of the angle of incidence.
     fn band_weights_at(&self, channel: usize, bands_nm: &[f64], sine_square: f64) -> Vec<f64> {
-        let (nodes, w) = (self.nodes_at(channel, sine_square), bands_nm);
-        let channel = (channel, sine_square);
-        let flat = |low, high| self.integral(channel, &nodes, (low, high), |_| 1.0);
+        self.weights_of((channel, sine_square), self.nodes_at(channel, sine_square), bands_nm, |_| 1.0)
+    }
+
+    /// [`Sensor::band_weights`] with a factor `f` under the integral, linear between the wavelengths `nodes_nm` (exact behind at most one filter).
+    pub(super) fn band_weights_times(
+        &self,
+        channel: usize,
+        bands_nm: &[f64],
+        (nodes_nm, f): (&[f64], impl Fn(f64) -> f64),
+    ) -> Vec<f64> {
+        let mut nodes = self.nodes_at(channel, 0.0);
+        nodes.extend_from_slice(nodes_nm);
+        nodes.sort_by(f64::total_cmp);
+        nodes.dedup();
+        self.weights_of((channel, 0.0), nodes, bands_nm, f)
+    }
+
+    /// ∫ hat_b · response · f for each band, response at a channel and the square of a sine.
+    fn weights_of(
+        &self,
+        channel: (usize, f64),
+        nodes: Vec<f64>,
+        bands_nm: &[f64],
+        f: impl Fn(f64) -> f64,
+    ) -> Vec<f64> {
+        let w = bands_nm;
+        let flat = |low, high| self.integral(channel, &nodes, (low, high), &f);
         let last = w.len() - 1;
         if last == 0 {
             return vec![flat(w[0] - SINGLE_BAND_HALF_NM, w[0] + SINGLE_BAND_HALF_NM)];
@@ -105,14 +129,14 @@ impl Sensor {
                 0 => flat(w[0] - (w[1] - w[0]) / 2.0, w[0]),
                 _ => {
                     let (a, c) = (w[b - 1], w[b]);
-                    self.integral(channel, &nodes, (a, c), |nm| (nm - a) / (c - a))
+                    self.integral(channel, &nodes, (a, c), |nm| f(nm) * ((nm - a) / (c - a)))
                 }
             };
             let above = match b == last {
                 true => flat(w[b], w[b] + (w[b] - w[b - 1]) / 2.0),
                 false => {
                     let (a, c) = (w[b], w[b + 1]);
-                    self.integral(channel, &nodes, (a, c), |nm| (c - nm) / (c - a))
+                    self.integral(channel, &nodes, (a, c), |nm| f(nm) * ((c - nm) / (c - a)))
                 }
             };
             below + above
@@ -131,9 +155,11 @@ impl Sensor {
 
     /// Gain per channel that makes a white under a light neutral; the minimum is 1.
     pub fn white_gains(&self, light: Illuminant) -> Vec<f64> {
+        let sensor = self.in_uniform_light();
         let grid = || (0..=400).map(|i| colour::FIRST_NM + f64::from(i));
-        let of =
-            |c: usize| grid().map(|nm| self.response_e_per_j(c, nm) * light.relative_power(nm)).sum::<f64>();
+        let of = |c: usize| {
+            grid().map(|nm| sensor.response_e_per_j(c, nm) * light.relative_power(nm)).sum::<f64>()
+        };
         let responses: Vec<f64> = (0..self.channels.len()).map(of).collect();
         let max = responses.iter().copied().fold(0.0, f64::max);
         responses.iter().map(|r| max / r).collect()
@@ -141,8 +167,9 @@ impl Sensor {
 
     /// Electrons of a channel per lux second of a light.
     pub fn electrons_per_lux_second(&self, channel: usize, light: Illuminant) -> f64 {
+        let sensor = self.in_uniform_light();
         let grid = || (0..=400).map(|i| colour::FIRST_NM + f64::from(i));
-        let sum: f64 = grid().map(|nm| self.response_e_per_j(channel, nm) * light.relative_power(nm)).sum();
+        let sum: f64 = grid().map(|nm| sensor.response_e_per_j(channel, nm) * light.relative_power(nm)).sum();
         sum * light.irradiance_scale(1.0) * self.area_m2()
     }
 }

@@ -34,6 +34,16 @@ impl BandWeights {
         Self(self.0, field)
     }
 
+    /// Times `factors`, by channel and band.
+    #[must_use]
+    pub fn times(&self, factors: &[Vec<f64>]) -> Self {
+        let of = |(weights, factors): (&Vec<f64>, &Vec<f64>)| {
+            std::iter::zip(weights, factors).map(|(w, f)| w * f).collect()
+        };
+        let field = self.1.as_ref().map(|field| Arc::new(field.times(factors)));
+        Self(std::iter::zip(&self.0, factors).map(of).collect(), field)
+    }
+
     /// The same weights behind every filter.
     pub fn uniform(sensor: &Sensor, weights: &[f64]) -> Self {
         Self(vec![weights.to_vec(); sensor.channels.len()], None)
@@ -362,4 +372,4 @@ struct Block {
 }
 
 #[cfg(test)]
-mod tests;
+pub(crate) mod tests;

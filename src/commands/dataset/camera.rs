@@ -3,7 +3,7 @@
 //! With the matrix `bands` the linear red, green and blue of a picture are those of the film's bands: M is the inverse of the planes' shares of the bands,
 //!
 //! ```text
-//! R_pb = Σ_{filters c of plane p} w_cb / Σ_b Σ_c w_cb        M = R⁻¹        w: electrons of a film value of 1 in a band
+//! R_pb = Σ_{filters c of plane p} w_cb / Σ_b Σ_c w_cb        M = R⁻¹        w: electrons of a film value of 1 in a band, in a picture of one colour
 //! ```
 
 use super::bands::Bands;
@@ -18,7 +18,10 @@ use formats::dataset::recipe::{Matrix, Recipe, SensorTable};
 use pipeline::colour::{Illuminant, inverse};
 use pipeline::develop::{ColourMatrix, Demosaic, Development, PlanePattern, Recipe as Develop, Shading};
 use pipeline::geometry::Size;
+use pipeline::sensor::crosstalk::Corrections;
 use pipeline::sensor::noise::Exposer;
+use pipeline::sensor::overflow::received;
+use pipeline::sensor::spread::{self, SpreadRows};
 use pipeline::sensor::stream::{BandWeights, Pass};
 use pipeline::sensor::{Exposure, NoiseSet, Sensor, SignalHistogram};
 use std::path::Path;
@@ -38,6 +41,8 @@ pub struct Camera<'a> {
     sensors: Vec<Sensor>,
     /// Electrons per second of film values of 1, by sensor and channel.
     weights: Vec<Vec<Vec<f64>>>,
+    /// Crosstalk of each sensor that has it.
+    corrections: Vec<Option<Corrections>>,
     times: Vec<Times>,
     noise: NoiseSet,
     nominal_s: f64,
@@ -79,6 +84,7 @@ impl<'a> Camera<'a> {
             sensors.push(sensor);
         }
         let weights_of = |sensor: &Sensor| {
+            let sensor = sensor.in_uniform_light();
             let of = |c: usize| sensor.band_weights(c, &nm).iter().map(|w| w * sensor.area_m2()).collect();
             (0..sensor.channels.len()).map(of).collect::<Vec<Vec<f64>>>()
         };
@@ -102,6 +108,10 @@ impl<'a> Camera<'a> {
             recipe,
             table,
             weights: sensors.iter().map(weights_of).collect(),
+            corrections: sensors
+                .iter()
+                .map(|s| s.crosstalk.as_ref().map(|of| of.corrections(s, &nm)))
+                .collect(),
             sensors,
             times,
             noise,
@@ -141,7 +151,9 @@ impl<'a> Camera<'a> {
         let geometry = self.geometry(draw.sensor, size)?;
         let raw_size = geometry.size();
         let (rows, columns) = geometry.taps(raw_size.rect())?;
-        let planes = [BandWeights::electrons(sensor, &self.nm, &vec![1.0; self.nm.len()])];
+        let mut planes = vec![BandWeights::electrons(sensor, &self.nm, &vec![1.0; self.nm.len()])];
+        let spread = self.corrections[draw.sensor].as_ref().map(|of| SpreadRows::new(raw_size, of.clone()));
+        planes.extend(spread.iter().flat_map(|spread| spread.planes(&planes[0])).collect::<Vec<_>>());
         let bands = ArrayChart::new(size, self.nm.clone(), NanPolicy::Keep);
         let mut signal = Vec::with_capacity(raw_size.pixels());
         let pass = Pass {
@@ -160,10 +172,18 @@ impl<'a> Camera<'a> {
             signal.extend_from_slice(&planes[0]);
             Ok(())
         };
-        pass.run(0..raw_size.height, &mut deliver).map_err(anyhow::Error::from_boxed)?;
+        let (window, all) = (raw_size.rect(), 0..raw_size.height);
+        match &spread {
+            None => pass.run(all, &mut deliver),
+            Some(of) => spread::run(&pass, of, window, all, &mut deliver),
+        }
+        .map_err(anyhow::Error::from_boxed)?;
         let exposure = self.exposure(&signal, draw)?;
         let mut numbers = vec![0; signal.len()];
-        Exposer::new(sensor, &exposure).expose(&signal, raw_size.rect(), &mut numbers);
+        let exposer = Exposer::new(sensor, &exposure);
+        let received_e =
+            if sensor.pixel.overflow.flows() { received(&exposer, &signal, window) } else { Vec::new() };
+        exposer.expose_with(&signal, &received_e, window, &mut numbers);
         Ok(Raw { size: raw_size, numbers, exposure })
     }
 

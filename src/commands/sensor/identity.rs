@@ -7,7 +7,7 @@ use crate::args::ExposeArgs;
 use crate::film::digest;
 use formats::object;
 use pipeline::sensor::angle::{AngularResponse, Plate};
-use pipeline::sensor::{QuantumEfficiencyOf, Sensor};
+use pipeline::sensor::{Overflow, QuantumEfficiencyOf, Sensor};
 use serde_json::{Map, Value, json};
 
 /// Raised whenever the program gives other digital numbers for the same job.
@@ -55,6 +55,9 @@ pub fn optics(sensor: &Sensor) -> String {
         optics["angle"] = json!(sensor.angle.as_ref().map(AngularResponse::numbers));
         optics["plates"] = json!(sensor.plates.iter().map(Plate::numbers).collect::<Vec<_>>());
     }
+    if let Some(crosstalk) = &sensor.crosstalk {
+        optics["crosstalk"] = json!([crosstalk.wavelengths_nm, crosstalk.shares]);
+    }
     digest(&optics)
 }
 
@@ -70,6 +73,9 @@ fn electronics(sensor: &Sensor) -> String {
         json!([f64::from(a.bits), a.gain_dn_per_e, a.black_dn]),
     ];
     parts.extend(later.map(|(row, value)| json!([row.field, value])));
+    if p.overflow != Overflow::NONE {
+        parts.push(json!(["overflow", p.overflow.knee, p.overflow.blooming]));
+    }
     digest(&Value::Array(parts))
 }
 

@@ -1,7 +1,7 @@
 //! Memory of a run, planned before the first pixel.
 //!
 //! Fixed: the program; the signal of a row of shards (two planes if illuminance is summed); the rows finished by a block of the film. Per
-//! thread: the film pixels of a row block and column block, their sums, a shard of digital numbers and its encoded bytes. The rest is a cache of decoded
+//! thread: the film pixels of a row block and column block, their sums, a shard of digital numbers and its encoded bytes; whole columns where charge flows along them. The rest is a cache of decoded
 //! chunks where column blocks share film columns, at most two columns of chunks of all bands.
 
 use crate::machine::MemoryLimit;
@@ -14,6 +14,10 @@ const BASE: usize = 48 << 20;
 const WORKER: usize = 6 << 20;
 /// Maximum default limit.
 pub const DEFAULT: u64 = 1 << 30;
+/// Of each row of a column along which charge flows: a strip of the signal and the flows of a part of it.
+const STRIP_BYTES: usize = 4 * STRIP + 64 * 8 * 6;
+/// Columns of the signal that are read at a time for that.
+pub const STRIP: usize = 512;
 /// Minimum rows of a block of the film.
 const BLOCK_ROWS: usize = 512;
 
@@ -33,6 +37,10 @@ pub struct Needs {
     pub aligned: bool,
     /// Planes of the pass.
     pub planes: usize,
+    /// Further ones, of crosstalk.
+    pub corrections: usize,
+    /// Rows of the columns along which charge flows; 0 without.
+    pub column: usize,
 }
 
 /// How a run's memory is spent.
@@ -54,13 +62,18 @@ impl Memory {
         let limit = usize::try_from(given.bytes).unwrap_or(usize::MAX);
         let block = (BLOCK_ROWS.div_ceil(needs.chunk.0) * needs.chunk.0, needs.chunk.1);
         let rows = (block.0 as f64 / needs.ratio).ceil() as usize + 1;
-        let signal = 4 * needs.width * (needs.shard.0 + needs.planes * rows);
+        // Crosstalk keeps the rows of a block of all planes beside those that it delivers.
+        let all_planes = needs.planes + needs.corrections;
+        let kept = if needs.corrections > 0 { 2 * all_planes } else { 0 };
+        let signal = 4 * needs.width * (needs.shard.0 + (all_planes + kept) * rows);
         let film_columns = (needs.width as f64 * needs.ratio) as usize;
         let carry = if needs.aligned { 0 } else { 2 * 8 * 4 * needs.bands * film_columns };
         let shard = needs.shard.0 * needs.shard.1;
         let block_bytes = 4 * block.0 * (block.1 + 16)
-            + 8 * needs.planes * rows * ((block.1 as f64 / needs.ratio) as usize + 2);
-        let worker = WORKER + (4 * needs.chunk.0 * needs.chunk.1 * 2 + block_bytes).max(shard * (4 + 2 + 2));
+            + 8 * all_planes * rows * ((block.1 as f64 / needs.ratio) as usize + 2);
+        let flows = needs.column * (STRIP_BYTES + 4 * needs.shard.1);
+        let worker =
+            WORKER + flows + (4 * needs.chunk.0 * needs.chunk.1 * 2 + block_bytes).max(shard * (4 + 2 + 2));
         let fixed = BASE + signal + carry;
         let usable = limit / 16 * 15;
         let fit = (1..=threads).rev().find(|n| fixed + n * worker <= usable);
@@ -95,6 +108,8 @@ mod tests {
             ratio: 1.0,
             aligned,
             planes: 1,
+            corrections: 0,
+            column: 0,
         }
     }
 

@@ -87,6 +87,14 @@ fn work(
     group::report_resumed(store.group(), missing.len(), all.len());
     let times = job.recorded_times(store)?;
     job.log_start(store.spec(), &times);
+    // Charge that flows along columns needs all rows of a signal.
+    let measured = match measured {
+        None if job.needs_columns() => match signal::measure(job, parent_of(&link_target(store.path())))? {
+            None => return Ok(interrupted(resume_note(args.overwrite))),
+            measured => measured,
+        },
+        measured => measured,
+    };
     let outcome = write::shards(job, store, &times, &missing, measured);
     let outcome = outcome.and_then(|done| store.group().check_in_place().map(|()| done).map_err(Into::into));
     record::write(job, store, &outcome, start);

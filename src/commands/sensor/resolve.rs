@@ -23,6 +23,7 @@ use formats::sensor::SensorFile;
 use pipeline::geometry::{Rect, Size};
 use pipeline::sensor::pixels::Resample;
 use pipeline::sensor::spectrum::illuminance_weights;
+use pipeline::sensor::spread::SpreadRows;
 use pipeline::sensor::stream::BandWeights;
 use pipeline::sensor::{Exposure, Sensor};
 use serde_json::{Map, Value};
@@ -56,6 +57,8 @@ pub struct RawJob {
     pub(super) keep_signal: bool,
     /// Directions of the film's light, where the sensor depends on them.
     directions: Option<Directions>,
+    /// Crosstalk of a film's signal, where the sensor has it.
+    pub(super) spread: Option<SpreadRows>,
     /// All that changes pixels.
     pub identity: Map<String, Value>,
     pub(super) signal_identity: Value,
@@ -97,6 +100,7 @@ impl RawJob {
         let geometry = Geometry::new(&sensor, &opened.plane, args)?;
         let mut notes = warnings::of_spectrum(&sensor, &opened.wavelengths_nm, &opened.path)?;
         notes.extend(geometry.warning());
+        notes.extend(warnings::of_crosstalk(&sensor, &opened.wavelengths_nm));
         let directions = Directions::of_film(&opened, args, &sensor, &geometry)?;
         notes.extend(directions.iter().map(Directions::note));
         let relative = opened.relative;
@@ -108,6 +112,10 @@ impl RawJob {
         }
         check_scale(args, relative, auto, &format!("film {film} ({})", opened.units))?;
         let size = geometry.size();
+        let spread = sensor
+            .crosstalk
+            .as_ref()
+            .map(|of| SpreadRows::new(size, of.corrections(&sensor, &opened.wavelengths_nm)));
         let needs = Needs {
             width: args.roi.iter().map(|r| r.width).max().unwrap_or(size.width),
             shard: largest_shard(args, size),
@@ -118,6 +126,8 @@ impl RawJob {
                 && geometry.columns.is_whole()
                 && opened.chunk.1 as f64 % geometry.rows.ratio() == 0.0,
             planes: 1 + usize::from(args.film_lux.is_some()),
+            corrections: spread.as_ref().map_or(0, SpreadRows::corrections),
+            column: blooming_rows(&sensor, size),
         };
         let memory = Memory::plan(limit, threads, &needs)?;
         let opened = Film::open(film, args, memory.cache)?;
@@ -125,7 +135,7 @@ impl RawJob {
         let source = Source::Film(Box::new(opened), geometry);
         let signal = (signal_identity, relative, size);
         let job = Self::with(args, source, (file, sensor), times, memory, signal, notes)?;
-        Ok(Self { directions, ..job })
+        Ok(Self { directions, spread, ..job })
     }
 
     fn of_kept(
@@ -154,7 +164,7 @@ impl RawJob {
         let sensor = file.sensor(kept.spec.pitch_um);
         if Some(identity::optics(&sensor).as_str()) != kept.signal_identity["optics"].as_str() {
             return Err(usage(format!(
-                "{}: its signal is that of another sensor ({}): pitch, aperture, curves, filters or pattern differ; start from the film",
+                "{}: its signal is that of another sensor ({}): pitch, aperture, curves, filters, angles, crosstalk or pattern differ; start from the film",
                 path.display(),
                 kept.sensor.name()
             )));
@@ -171,6 +181,8 @@ impl RawJob {
             ratio: 1.0,
             aligned: true,
             planes: 1,
+            corrections: 0,
+            column: blooming_rows(&sensor, size),
         };
         let memory = Memory::plan(limit, threads, &needs)?;
         let (identity, relative) = (kept.signal_identity.clone(), kept.relative);
@@ -215,6 +227,7 @@ impl RawJob {
             film_scale: args.film_scale,
             keep_signal: args.keep_signal,
             directions: None,
+            spread: None,
             source,
             file,
             sensor,
@@ -267,6 +280,11 @@ impl RawJob {
             Source::Film(film, _) => film.relative,
             Source::Kept(kept) => kept.relative,
         }
+    }
+
+    /// Whether the signal of a film is made before its first shard.
+    pub(super) fn needs_columns(&self) -> bool {
+        self.sensor.pixel.overflow.flows() && matches!(self.source, Source::Film(..))
     }
 
     /// Whether illuminance is to be summed.
@@ -343,6 +361,11 @@ fn outputs(args: &ExposeArgs, size: Size) -> Vec<Output> {
         true => vec![Output { name: "raw".into(), rect: size.rect() }],
         false => args.roi.iter().enumerate().map(window).collect(),
     }
+}
+
+/// Rows that are in memory at a time for the flows along a column; 0: pixels keep to themselves.
+fn blooming_rows(sensor: &Sensor, size: Size) -> usize {
+    if sensor.pixel.overflow.flows() { size.height } else { 0 }
 }
 
 /// Rows and columns of the largest shard of the outputs.

@@ -19,6 +19,9 @@ use std::path::Path;
 /// Film pitch for sensors that have the film's.
 const DEFAULT_PITCH_UM: f64 = 2.0;
 
+/// Wavelengths at which crosstalk is printed, nm.
+const SHOWN_NM: [f64; 4] = [450.0, 550.0, 650.0, 850.0];
+
 /// Files of [`plots`].
 pub const FIGURES: [&str; 3] = ["quantum-efficiency.png", "signal-to-noise.png", "patches.png"];
 
@@ -66,6 +69,7 @@ fn figures(file: &SensorFile, s: &Sensor) -> Vec<String> {
             s.saturation_e(1.0),
             s.white_dn(1.0)
         ),
+        overflow(s),
         format!("  converter         {} bits, {} DN/e-, black {} DN", a.bits, a.gain_dn_per_e, a.black_dn),
         format!("  dark              {} (RMS)", noises(s, Over::Frames)),
         format!(
@@ -75,7 +79,9 @@ fn figures(file: &SensorFile, s: &Sensor) -> Vec<String> {
         format!("  fixed patterns    {}", noises(s, Over::Die)),
         format!("  dynamic range     {:.1} dB", 20.0 * s.dynamic_range().log10()),
     ];
+    lines.retain(|line| !line.is_empty());
     lines.extend(angles(s));
+    lines.extend(crosstalk(s));
     for (c, channel) in s.channels.iter().enumerate() {
         let (nm, peak) = peak(s, c);
         let d65 = s.electrons_per_lux_second(c, Illuminant::D65);
@@ -137,6 +143,43 @@ fn angles(s: &Sensor) -> Vec<String> {
         lines.push(format!("  plate             {kind}, index {}", plate.index));
     }
     lines
+}
+
+/// How pixels fill and overflow; empty where the full well is a limit.
+fn overflow(s: &Sensor) -> String {
+    let of = s.pixel.overflow;
+    let mut parts = Vec::new();
+    if of.knee < 1.0 {
+        parts.push(format!("knee at {} % of the full well", number(100.0 * of.knee)));
+    }
+    if of.flows() {
+        parts.push(format!("{} % of what is above it flows along the column", number(100.0 * of.blooming)));
+    }
+    if parts.is_empty() { String::new() } else { format!("  overflow          {}", parts.join("; ")) }
+}
+
+/// What pixels collect of the light of others.
+fn crosstalk(s: &Sensor) -> Vec<String> {
+    let Some(crosstalk) = &s.crosstalk else { return Vec::new() };
+    let (r, side) = (crosstalk.radius, crosstalk.side());
+    let at = |nm: f64| {
+        let share = |down: usize, right: usize| 100.0 * crosstalk.share_at(down * side + right, nm);
+        format!(
+            "  {:<16}  {:.2} % of the charge of {nm} nm goes to other pixels: right {:.2}, left {:.2}, below {:.2}, above {:.2}, others {:.2}",
+            if nm == SHOWN_NM[0] { "crosstalk" } else { "" },
+            100.0 - share(r, r),
+            share(r, r + 1),
+            share(r, r - 1),
+            share(r + 1, r),
+            share(r - 1, r),
+            100.0
+                - [(r, r), (r, r + 1), (r, r - 1), (r + 1, r), (r - 1, r)]
+                    .map(|(y, x)| share(y, x))
+                    .iter()
+                    .sum::<f64>()
+        )
+    };
+    SHOWN_NM.map(at).into()
 }
 
 /// The noises that differ over frames or over a die: `read 2 e-, reset 0 e-`.

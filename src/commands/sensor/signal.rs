@@ -10,6 +10,7 @@ use anyhow::{Context, Result};
 use formats::durable::{free_bytes, is_url, unnamed_temp_file};
 use pipeline::geometry::Rect;
 use pipeline::sensor::SignalHistogram;
+use pipeline::sensor::spread;
 use pipeline::sensor::stream::{BandWeights, Deliver, Pass};
 use std::fs::File;
 use std::ops::Range;
@@ -125,18 +126,26 @@ pub fn pass(
     rows: Range<usize>,
     deliver: &mut Deliver<'_>,
 ) -> Result<bool> {
-    let (row_taps, column_taps) = geometry.taps(window)?;
+    let crosstalk = job.spread.as_ref();
+    let read = crosstalk.map_or(window, |of| of.reach(window));
+    let (row_taps, column_taps) = geometry.taps(read)?;
+    let mut planes = planes.to_vec();
+    planes.extend(crosstalk.map(|of| of.planes(&planes[0])).into_iter().flatten());
     let pass = Pass {
         film: &film.bands,
         bands: film.wavelengths_nm.len(),
         sensor: &job.sensor,
         rows: &row_taps,
         columns: &column_taps,
-        window,
-        planes,
+        window: read,
+        planes: &planes,
         block: job.memory.block,
         threads: job.memory.threads,
         cancel: interrupt::cancel_flag(),
     };
-    pass.run(rows, deliver).map_err(anyhow::Error::from_boxed)
+    let whole = match crosstalk {
+        None => pass.run(rows, deliver),
+        Some(of) => spread::run(&pass, of, window, rows, deliver),
+    };
+    whole.map_err(anyhow::Error::from_boxed)
 }

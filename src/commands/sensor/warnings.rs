@@ -7,6 +7,8 @@ use std::path::Path;
 
 /// Share of the response outside the film's bands that is warned of.
 const OUTSIDE: f64 = 0.01;
+/// Share of charge beyond the reach of crosstalk that is warned of.
+const FARTHER: f64 = 0.01;
 /// Black must lie this many standard deviations of the dark above 0.
 const BLACK_SIGMAS: f64 = 4.0;
 
@@ -61,6 +63,21 @@ pub fn of_spectrum(sensor: &Sensor, bands_nm: &[f64], film: &Path) -> Result<Vec
         "{kind}: share of each filter's response (equal energy) outside the film's bands: {}",
         by_name.join(", ")
     )])
+}
+
+/// Charge that spreads farther than crosstalk reaches.
+pub fn of_crosstalk(sensor: &Sensor, bands_nm: &[f64]) -> Option<String> {
+    let crosstalk = sensor.crosstalk.as_ref()?;
+    let share = |nm: &f64| (crosstalk.farther_at(*nm), *nm);
+    let (share, nm) = bands_nm.iter().map(share).fold((0.0, 0.0), |a, b| if b.0 > a.0 { b } else { a });
+    let kind = if share > FARTHER { "warning" } else { "note" };
+    (share > FARTHER / 10.0).then(|| {
+        format!(
+            "{kind}: {:.2} % of the charge of {nm} nm spreads farther than {} pixels; it is counted at its own pixel",
+            100.0 * share,
+            crosstalk.radius
+        )
+    })
 }
 
 /// A black that cuts the dark's noise off.

@@ -1,6 +1,7 @@
 //! The shards of a raw: rows of shards of the signal, exposed and encoded shard by shard.
 
 use super::exposure_times::ExposureTimes;
+use super::memory::STRIP;
 use super::resolve::{RawJob, Source};
 use super::signal::{self, Measured, Stored};
 use crate::progress::counting;
@@ -12,6 +13,7 @@ use formats::raw::{RawShard, RawStore};
 use pipeline::geometry::Rect;
 use pipeline::sensor::SignalHistogram;
 use pipeline::sensor::noise::{Exposer, clipped};
+use pipeline::sensor::overflow::received;
 use rustix::time::{ClockId, Timespec, clock_gettime};
 use std::collections::BTreeMap;
 use std::sync::Mutex;
@@ -101,6 +103,7 @@ pub fn shards(
     };
     fault_point("shards-begin");
     match stored {
+        Some(stored) if job.sensor.pixel.overflow.flows() => writer.expose_columns(&places, stored)?,
         Some(stored) => writer.expose_stored(&places, stored)?,
         None => writer.expose_film(&places)?,
     }
@@ -124,8 +127,66 @@ impl Writer<'_> {
             let mut tile = vec![0.0; rect.size().pixels()];
             stored.read(rect, &mut tile)?;
             self.count_signal(&tile);
-            places[k].iter().try_for_each(|shard| self.shard(*shard, rect, &tile))
+            places[k].iter().try_for_each(|shard| self.shard(*shard, rect, (&tile, &[])))
         })
+    }
+
+    /// Columns of places from a signal on the disk, in whose columns charge flows.
+    fn expose_columns(&self, places: &Places, stored: Stored<'_>) -> Result<()> {
+        let mut columns: BTreeMap<(usize, usize), Vec<&Vec<RawShard>>> = BTreeMap::new();
+        for ((output, (_, column)), shards) in places {
+            columns.entry((*output, *column)).or_default().push(shards);
+        }
+        let columns: Vec<Vec<&Vec<RawShard>>> = columns.into_values().collect();
+        parallel::for_each(self.job.memory.threads.min(columns.len()), columns.len(), &|_, _| (), |k| {
+            let mut frames: Vec<Option<usize>> =
+                columns[k].iter().flat_map(|p| p.iter().map(|s| s.frame)).collect();
+            frames.sort_unstable();
+            frames.dedup();
+            for (i, frame) in frames.iter().enumerate() {
+                let across = self.store.spec().shard_rect(columns[k][0][0]);
+                let received = match frame {
+                    Some(frame) => self.received(stored, *frame, across)?,
+                    None => Vec::new(),
+                };
+                for place in &columns[k] {
+                    let rect = self.store.spec().shard_rect(place[0]);
+                    let mut tile = vec![0.0; rect.size().pixels()];
+                    stored.read(rect, &mut tile)?;
+                    if i == 0 {
+                        self.count_signal(&tile);
+                    }
+                    let first = rect.y as usize * rect.width;
+                    let received = received.get(first..first + tile.len()).unwrap_or_default();
+                    let mut own = place.iter().filter(|shard| shard.frame == *frame);
+                    own.try_for_each(|shard| self.shard(*shard, rect, (&tile, received)))?;
+                }
+            }
+            Ok(())
+        })
+    }
+
+    /// Electrons that the pixels of the columns of `across` receive from others in a frame, all rows of the sensor; empty if none do, or after an interruption.
+    fn received(&self, stored: Stored<'_>, frame: usize, across: Rect) -> Result<Vec<f32>> {
+        let exposer = Exposer::new(&self.job.sensor, &self.job.frame(self.times, frame));
+        let (height, width) = (self.job.size().height, across.width);
+        let mut all = Vec::new();
+        for first in (0..width).step_by(STRIP) {
+            if interrupt::cancel_flag().load(Ordering::Relaxed) {
+                return Ok(Vec::new());
+            }
+            let rect = Rect::new(0, across.x + first as i64, height, STRIP.min(width - first));
+            let mut signal = vec![0.0; rect.size().pixels()];
+            stored.read(rect, &mut signal)?;
+            let part = received(&exposer, &signal, rect);
+            if !part.is_empty() {
+                all.resize(height * width, 0.0);
+                for (to, from) in all.chunks_mut(width).zip(part.chunks(rect.width)) {
+                    to[first..first + rect.width].copy_from_slice(from);
+                }
+            }
+        }
+        Ok(all)
     }
 
     /// Rows of shards from the film, runs of them in one pass.
@@ -193,12 +254,12 @@ impl Writer<'_> {
             for line in signal.chunks(window.width) {
                 tile.extend_from_slice(&line[first..first + rect.width]);
             }
-            self.shard(shards[k], rect, &tile)
+            self.shard(shards[k], rect, (&tile, &[]))
         })
     }
 
-    /// One shard of the signal `tile` of the pixels `rect`; nothing after an interruption.
-    fn shard(&self, shard: RawShard, rect: Rect, tile: &[f32]) -> Result<()> {
+    /// One shard of the signal `tile` of the pixels `rect`, which receive so many electrons of others; nothing after an interruption.
+    fn shard(&self, shard: RawShard, rect: Rect, (tile, received_e): (&[f32], &[f32])) -> Result<()> {
         if interrupt::cancel_flag().load(Ordering::Relaxed) {
             return Ok(());
         }
@@ -209,7 +270,8 @@ impl Writer<'_> {
             Some(frame) => {
                 let sensor = &self.job.sensor;
                 let mut numbers = vec![0; tile.len()];
-                Exposer::new(sensor, &self.job.frame(self.times, frame)).expose(tile, rect, &mut numbers);
+                let exposer = Exposer::new(sensor, &self.job.frame(self.times, frame));
+                exposer.expose_with(tile, received_e, rect, &mut numbers);
                 exposed_s = thread_core_s();
                 let (white, black) = (sensor.white_dn(self.job.gain), sensor.adc.black_dn);
                 let ends = clipped(&numbers, white);

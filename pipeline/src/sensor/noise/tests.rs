@@ -1,5 +1,5 @@
 use super::*;
-use crate::sensor::{Adc, Channel, Curve, Pattern, Pixel, QuantumEfficiencyOf};
+use crate::sensor::{Adc, Channel, Curve, Overflow, Pattern, Pixel, QuantumEfficiencyOf};
 
 /// The figures of the built-in sensor example-2um.
 pub(crate) fn example() -> Sensor {
@@ -17,6 +17,7 @@ pub(crate) fn example() -> Sensor {
             aperture_um: 2.0,
             quantum_efficiency_of: QuantumEfficiencyOf::Pixel,
             full_well_e: 13600.0,
+            overflow: Overflow::NONE,
             dark_current_e_per_s: 3.0,
             dark_reference_c: 25.0,
             dark_doubling_k: 6.5,
@@ -37,6 +38,7 @@ pub(crate) fn example() -> Sensor {
         filters: vec![],
         plates: vec![],
         angle: None,
+        crosstalk: None,
         pattern: Pattern { rows: 2, columns: 2, channels: vec![0, 1, 1, 2] },
     }
 }

@@ -3,13 +3,13 @@ use crate::geometry::Size;
 use crate::sensor::noise::tests::example;
 use crate::sensor::pixels::{Axis, Resample};
 
-struct Film {
+pub(crate) struct Film {
     size: Size,
     bands: Vec<Vec<f32>>,
 }
 
 impl Film {
-    fn noise(size: Size, bands: usize) -> Self {
+    pub(crate) fn noise(size: Size, bands: usize) -> Self {
         let mut state = 1u64;
         let mut next = || {
             state = state.wrapping_mul(6_364_136_223_846_793_005).wrapping_add(1_442_695_040_888_963_407);

@@ -1,0 +1,179 @@
+//! The corrections of crosstalk, row by row of a pass over the film.
+//!
+//! A pass makes the signal without crosstalk and the planes P_m for the rows and columns that a kernel reaches beyond a window, as far as the sensor goes. A pixel's sum runs over planes, then rows, then columns of the kernel: the same
+//! bits for any window, blocks and threads.
+
+use super::crosstalk::Corrections;
+use super::stream::{BandWeights, Deliver, Pass};
+use crate::flow::SourceSinkError;
+use crate::geometry::{Rect, Size};
+use crate::parts::for_each_part;
+use std::convert::Infallible;
+use std::ops::Range;
+
+/// Crosstalk over the pixels of a sensor of some size.
+#[derive(Clone, Debug, PartialEq)]
+pub struct SpreadRows {
+    size: Size,
+    of: Corrections,
+}
+
+/// What is kept of the planes of a pass: rows of the window that is read.
+struct Kept {
+    first: usize,
+    planes: Vec<Vec<f32>>,
+}
+
+impl SpreadRows {
+    /// The corrections `of` over a sensor of `size`.
+    pub fn new(size: Size, of: Corrections) -> Self {
+        Self { size, of }
+    }
+
+    /// Planes of corrections.
+    pub fn corrections(&self) -> usize {
+        self.of.terms.len()
+    }
+
+    /// The pixels that the signal of `window` depends on.
+    pub fn reach(&self, window: Rect) -> Rect {
+        let r = self.of.radius as i64;
+        let low = |v: i64| (v - r).max(0);
+        let (bottom, right) = (
+            (window.bottom() + r).min(self.size.height as i64),
+            (window.right() + r).min(self.size.width as i64),
+        );
+        let (y, x) = (low(window.y), low(window.x));
+        Rect::new(y, x, (bottom - y) as usize, (right - x) as usize)
+    }
+
+    /// Weights of the planes of the corrections of a signal of `weights`.
+    pub fn planes(&self, weights: &BandWeights) -> Vec<BandWeights> {
+        self.of.terms.iter().map(|term| weights.times(&term.factors)).collect()
+    }
+
+    /// The signal of the row `row` of the sensor, columns `columns`, of the planes `kept` of the window `read`; `loss` is scratch.
+    fn row(
+        &self,
+        row: usize,
+        columns: Range<usize>,
+        read: Rect,
+        kept: &Kept,
+        planes: &Planes,
+        out: &mut [f32],
+    ) {
+        let (r, side, width) = (self.of.radius, 2 * self.of.radius + 1, read.width);
+        let line = |plane: usize, y: usize| {
+            let at = y - read.y as usize - kept.first;
+            &kept.planes[plane][at * width..][..width]
+        };
+        let first = columns.start - read.x as usize;
+        let mut sum: Vec<f64> =
+            line(planes.signal, row)[first..][..columns.len()].iter().map(|v| f64::from(*v)).collect();
+        for (m, term) in self.of.terms.iter().enumerate() {
+            let plane = planes.first_term + m;
+            // Gains from the pixels at −d.
+            for dy in (0..side).filter(|dy| (row + r).checked_sub(*dy).is_some_and(|y| y < self.size.height))
+            {
+                let from = line(plane, row + r - dy);
+                for dx in 0..side {
+                    let k = term.kernel[dy * side + dx];
+                    // Columns x with x + r − dx on the sensor.
+                    let low = columns.start.max((dx).saturating_sub(r));
+                    let high = columns.end.min((self.size.width + dx).saturating_sub(r));
+                    if k == 0.0 || low >= high {
+                        continue;
+                    }
+                    let from = &from[low + r - dx - read.x as usize..][..high - low];
+                    let to = &mut sum[low - columns.start..][..high - low];
+                    std::iter::zip(to, from).for_each(|(to, v)| *to += k * f64::from(*v));
+                }
+            }
+            // What goes to the pixels at d, if they are there.
+            let own = &line(plane, row)[first..][..columns.len()];
+            let lost = |column: usize| self.lost(&term.kernel, row, column);
+            let inner = r..self.size.width.saturating_sub(r);
+            let constant = if inner.is_empty() { 0.0 } else { lost(inner.start) };
+            for ((to, v), column) in sum.iter_mut().zip(own).zip(columns.clone()) {
+                let lost = if inner.contains(&column) { constant } else { lost(column) };
+                *to -= lost * f64::from(*v);
+            }
+        }
+        std::iter::zip(out, &sum).for_each(|(out, v)| *out = *v as f32);
+    }
+
+    /// Σ_d k(d) over the pixels at d from a pixel that are on the sensor.
+    fn lost(&self, kernel: &[f64], row: usize, column: usize) -> f64 {
+        let (r, side) = (self.of.radius, 2 * self.of.radius + 1);
+        let is_there = |at: usize, k: usize, n: usize| (at + k).checked_sub(r).is_some_and(|to| to < n);
+        let there = (0..side * side).filter(|k| {
+            is_there(row, k / side, self.size.height) && is_there(column, k % side, self.size.width)
+        });
+        there.map(|k| kernel[k]).sum()
+    }
+}
+
+/// Where the planes of a pass are.
+struct Planes {
+    signal: usize,
+    first_term: usize,
+}
+
+/// Runs `pass`, whose window is [`SpreadRows::reach`] of `window` and whose last planes are [`SpreadRows::planes`] of its first one, and delivers the rows `wanted` of `window` with crosstalk: the first plane corrected, the others but the corrections as they are.
+/// Returns whether it was not cancelled.
+///
+/// # Errors
+/// As [`Pass::run`].
+pub fn run(
+    pass: &Pass<'_>,
+    spread: &SpreadRows,
+    window: Rect,
+    wanted: Range<usize>,
+    deliver: &mut Deliver<'_>,
+) -> Result<bool, SourceSinkError> {
+    let read = pass.window;
+    let columns = window.x as usize..window.right() as usize;
+    let first_row = window.y as usize;
+    let at_planes = Planes { signal: 0, first_term: pass.planes.len() - spread.of.terms.len() };
+    // Rows of the sensor, then of the window that is read.
+    let (begin, end) = (first_row + wanted.start, first_row + wanted.end);
+    let last_needed = |row: usize| (row + spread.of.radius + 1).min(read.bottom() as usize);
+    let from = begin.saturating_sub(spread.of.radius).max(read.y as usize) - read.y as usize;
+    let to = last_needed(end - 1) - read.y as usize;
+    let mut kept = Kept { first: from, planes: vec![Vec::new(); pass.planes.len()] };
+    let mut done = begin;
+    let mut passed = |first: usize, planes: &[Vec<f32>]| {
+        std::iter::zip(&mut kept.planes, planes).for_each(|(kept, new)| kept.extend_from_slice(new));
+        let have = read.y as usize + first + planes[0].len() / read.width;
+        let ready =
+            (done..end).take_while(|row| last_needed(*row) <= have).last().map_or(done, |row| row + 1);
+        if ready == done {
+            return Ok(());
+        }
+        let mut out: Vec<Vec<f32>> = vec![vec![0.0; (ready - done) * columns.len()]; at_planes.first_term];
+        let made: Result<(), Infallible> = for_each_part(
+            pass.threads,
+            out[0].chunks_mut(columns.len()).enumerate(),
+            || (),
+            |(), (k, line)| {
+                spread.row(done + k, columns.clone(), read, &kept, &at_planes, line);
+                Ok(())
+            },
+        );
+        let Ok(()) = made;
+        let at = (done - read.y as usize - kept.first) * read.width + columns.start - read.x as usize;
+        for (out, from) in std::iter::zip(&mut out, &kept.planes).skip(1) {
+            let lines = from[at..].chunks(read.width);
+            std::iter::zip(out.chunks_mut(columns.len()), lines)
+                .for_each(|(out, line)| out.copy_from_slice(&line[..columns.len()]));
+        }
+        deliver(done - first_row, &out)?;
+        done = ready;
+        // Rows that no later row needs.
+        let needless = done.saturating_sub(spread.of.radius + read.y as usize).max(kept.first) - kept.first;
+        kept.planes.iter_mut().for_each(|plane| drop(plane.drain(..needless * read.width)));
+        kept.first += needless;
+        Ok(())
+    };
+    pass.run(from..to, &mut passed)
+}
