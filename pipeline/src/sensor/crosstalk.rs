@@ -15,7 +15,7 @@
 //! κ_cb(d) ≈ Σ_m a_cbm k_m(d), d ≠ 0;    P_m = Σ_b a_cbm S_b;    signal_j = S(j) + Σ_m Σ_d k_m(d) (P_m(j − d) − P_m(j))
 //! ```
 //!
-//! The k_m are found by Gram and Schmidt's orthogonalization with pivoting until every κ is within 3·10⁻⁸; a film is read once ([`super::spread`]), and light is kept whatever their number.
+//! The k_m are found by Gram and Schmidt's orthogonalization with pivoting until every κ is within 3·10⁻⁷; a film is read once ([`super::spread`]), and light is kept whatever their number.
 
 use super::model::{Channel, Sensor};
 use super::{Curve, Pattern};
@@ -23,7 +23,7 @@ use std::borrow::Cow;
 use std::sync::Arc;
 
 /// Largest error of a share.
-const TOLERANCE: f64 = 3e-8;
+const TOLERANCE: f64 = 3e-7;
 /// Largest step between nodes of curves that are products of shares and curves, nm.
 const STEP_NM: f64 = 5.0;
 /// Pixels on each side that a kernel reaches at most.

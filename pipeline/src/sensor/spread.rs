@@ -1,6 +1,6 @@
 //! The corrections of crosstalk, row by row of a pass over the film.
 //!
-//! A pass makes the signal without crosstalk and the planes P_m for the rows and columns that a kernel reaches beyond a window, as far as the sensor goes. A pixel's sum runs over planes, then rows, then columns of the kernel: the same
+//! A pass makes the signal without crosstalk and the planes P_m for the rows and columns that a kernel reaches beyond a window, as far as the sensor goes. A pixel's sum runs over planes, then rows, then columns of the kernel, in f32 (corrections are a part of the signal): the same
 //! bits for any window, blocks and threads.
 
 use super::crosstalk::Corrections;
@@ -68,8 +68,7 @@ impl SpreadRows {
             &kept.planes[plane][at * width..][..width]
         };
         let first = columns.start - read.x as usize;
-        let mut sum: Vec<f64> =
-            line(planes.signal, row)[first..][..columns.len()].iter().map(|v| f64::from(*v)).collect();
+        let mut sum = vec![0.0f32; columns.len()];
         for (m, term) in self.of.terms.iter().enumerate() {
             let plane = planes.first_term + m;
             // Gains from the pixels at −d.
@@ -77,39 +76,40 @@ impl SpreadRows {
             {
                 let from = line(plane, row + r - dy);
                 for dx in 0..side {
-                    let k = term.kernel[dy * side + dx];
+                    let k = term.kernel[dy * side + dx] as f32;
                     // Columns x with x + r − dx on the sensor.
-                    let low = columns.start.max((dx).saturating_sub(r));
+                    let low = columns.start.max(dx.saturating_sub(r));
                     let high = columns.end.min((self.size.width + dx).saturating_sub(r));
                     if k == 0.0 || low >= high {
                         continue;
                     }
                     let from = &from[low + r - dx - read.x as usize..][..high - low];
                     let to = &mut sum[low - columns.start..][..high - low];
-                    std::iter::zip(to, from).for_each(|(to, v)| *to += k * f64::from(*v));
+                    std::iter::zip(to, from).for_each(|(to, v)| *to += k * v);
                 }
             }
             // What goes to the pixels at d, if they are there.
             let own = &line(plane, row)[first..][..columns.len()];
-            let lost = |column: usize| self.lost(&term.kernel, row, column);
             let inner = r..self.size.width.saturating_sub(r);
-            let constant = if inner.is_empty() { 0.0 } else { lost(inner.start) };
+            let constant = if inner.is_empty() { 0.0 } else { self.lost(&term.kernel, row, inner.start) };
             for ((to, v), column) in sum.iter_mut().zip(own).zip(columns.clone()) {
-                let lost = if inner.contains(&column) { constant } else { lost(column) };
-                *to -= lost * f64::from(*v);
+                let lost =
+                    if inner.contains(&column) { constant } else { self.lost(&term.kernel, row, column) };
+                *to -= lost * v;
             }
         }
-        std::iter::zip(out, &sum).for_each(|(out, v)| *out = *v as f32);
+        let signal = &line(planes.signal, row)[first..][..columns.len()];
+        std::iter::zip(out, std::iter::zip(signal, &sum)).for_each(|(out, (v, change))| *out = v + change);
     }
 
     /// Σ_d k(d) over the pixels at d from a pixel that are on the sensor.
-    fn lost(&self, kernel: &[f64], row: usize, column: usize) -> f64 {
+    fn lost(&self, kernel: &[f64], row: usize, column: usize) -> f32 {
         let (r, side) = (self.of.radius, 2 * self.of.radius + 1);
         let is_there = |at: usize, k: usize, n: usize| (at + k).checked_sub(r).is_some_and(|to| to < n);
         let there = (0..side * side).filter(|k| {
             is_there(row, k / side, self.size.height) && is_there(column, k % side, self.size.width)
         });
-        there.map(|k| kernel[k]).sum()
+        there.map(|k| kernel[k]).sum::<f64>() as f32
     }
 }
 
