@@ -3,7 +3,7 @@
 //! A pass makes the signal without crosstalk and the planes P_m for the rows and columns that a kernel reaches beyond a window, as far as the sensor goes. A pixel's sum runs over planes, then rows, then columns of the kernel, in f32 (corrections are a part of the signal): the same
 //! bits for any window, blocks and threads.
 
-use super::crosstalk::Corrections;
+use super::crosstalk::{Corrections, MAX_RADIUS};
 use super::stream::{BandWeights, Deliver, Pass};
 use crate::flow::SourceSinkError;
 use crate::geometry::{Rect, Size};
@@ -75,18 +75,10 @@ impl SpreadRows {
             for dy in (0..side).filter(|dy| (row + r).checked_sub(*dy).is_some_and(|y| y < self.size.height))
             {
                 let from = line(plane, row + r - dy);
-                for dx in 0..side {
-                    let k = term.kernel[dy * side + dx] as f32;
-                    // Columns x with x + r − dx on the sensor.
-                    let low = columns.start.max(dx.saturating_sub(r));
-                    let high = columns.end.min((self.size.width + dx).saturating_sub(r));
-                    if k == 0.0 || low >= high {
-                        continue;
-                    }
-                    let from = &from[low + r - dx - read.x as usize..][..high - low];
-                    let to = &mut sum[low - columns.start..][..high - low];
-                    std::iter::zip(to, from).for_each(|(to, v)| *to += k * v);
-                }
+                // In the order of columns: backwards.
+                let kernel = term.kernel[dy * side..][..side].iter().rev().map(|k| *k as f32);
+                let taps = Taps { kernel: kernel.collect(), width: self.size.width };
+                taps.add(from, read.x as usize, columns.clone(), &mut sum);
             }
             // What goes to the pixels at d, if they are there.
             let own = &line(plane, row)[first..][..columns.len()];
@@ -110,6 +102,48 @@ impl SpreadRows {
             is_there(row, k / side, self.size.height) && is_there(column, k % side, self.size.width)
         });
         there.map(|k| kernel[k]).sum::<f64>() as f32
+    }
+}
+
+/// A row of a kernel, in the order of the columns that it weighs, over a sensor of some width.
+struct Taps {
+    kernel: Vec<f32>,
+    width: usize,
+}
+
+impl Taps {
+    /// Adds to the pixels `columns` of a row, of the pixels of a row of which `from` has those from `first` on.
+    fn add(&self, from: &[f32], first: usize, columns: Range<usize>, to: &mut [f32]) {
+        let r = self.kernel.len() / 2;
+        // Columns whose neighbours are all on the sensor.
+        let low = r.clamp(columns.start, columns.end);
+        let high = self.width.saturating_sub(r).clamp(low, columns.end);
+        for column in (columns.start..low).chain(high..columns.end) {
+            let at = |k: usize| (column + k).checked_sub(r).filter(|x| *x < self.width);
+            let sum = (0..self.kernel.len()).filter_map(|k| Some(self.kernel[k] * from[at(k)? - first]));
+            to[column - columns.start] += sum.sum::<f32>();
+        }
+        if low < high {
+            let from = &from[low - r - first..][..high - low + 2 * r];
+            let to = &mut to[low - columns.start..][..high - low];
+            match self.kernel.len() {
+                3 => weigh::<3>(&self.kernel, from, to),
+                5 => weigh::<5>(&self.kernel, from, to),
+                _ => weigh::<{ 2 * MAX_RADIUS + 1 }>(&self.kernel, from, to),
+            }
+        }
+    }
+}
+
+/// Adds to each of `to` the `N` numbers of `from` from the same place on, weighed by `kernel`.
+fn weigh<const N: usize>(kernel: &[f32], from: &[f32], to: &mut [f32]) {
+    let kernel: [f32; N] = kernel.try_into().expect("a kernel of N columns");
+    for (to, from) in std::iter::zip(to, from.array_windows::<N>()) {
+        let mut sum = 0.0;
+        for k in 0..N {
+            sum += kernel[k] * from[k];
+        }
+        *to += sum;
     }
 }
 
