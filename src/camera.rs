@@ -1,6 +1,7 @@
 //! Raws of a sensor: frames and their development.
 
 pub mod frame;
+pub mod noise;
 pub mod recipe;
 pub mod shading;
 

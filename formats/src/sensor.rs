@@ -15,7 +15,7 @@ mod text;
 use std::collections::BTreeSet;
 use std::path::{Path, PathBuf};
 
-use pipeline::sensor::{Adc, Channel, Curve, Overflow, Pattern, Pixel, QuantumEfficiencyOf, Sensor};
+use pipeline::sensor::{Adc, Channel, Curve, Defects, Overflow, Pattern, Pixel, QuantumEfficiencyOf, Sensor};
 use serde_json::{Map, Value, json};
 
 pub use builtin::builtin_names;
@@ -47,13 +47,18 @@ pub struct SensorFile {
 }
 
 /// Fields that no built-in description has.
-const LATER_FIELDS: [&str; 6] = [
+const LATER_FIELDS: [&str; 11] = [
     "pixel.knee",
     "pixel.blooming",
     "crosstalk.file",
     "crosstalk.diffusion_length_um",
     "crosstalk.depletion_um",
     "crosstalk.absorption",
+    "defects.hot_pixels",
+    "defects.hot_dark_e_per_s",
+    "defects.telegraph_pixels",
+    "defects.telegraph_e",
+    "shutter.row_time_us",
 ];
 
 /// Fields that `--set` replaces, as `table.field`: those of the built-in descriptions and a few more.
@@ -178,6 +183,13 @@ impl SensorFile {
                 dark_doubling_k: p.dark_doubling_k,
             },
             noise: self.text.noise,
+            defects: self.text.defects.map_or_else(Defects::default, |d| Defects {
+                hot_pixels: d.hot_pixels,
+                hot_dark_e_per_s: d.hot_dark_e_per_s,
+                telegraph_pixels: d.telegraph_pixels,
+                telegraph_e: d.telegraph_e,
+            }),
+            row_time_s: self.text.shutter.map_or(0.0, |shutter| shutter.row_time_us * 1e-6),
             adc: Adc {
                 bits: a.bits,
                 gain_dn_per_e: a.gain_dn_per_e,

@@ -2,7 +2,7 @@
 //!
 //! ```text
 //! v        = (raw − black)/(white − black)              not cut at 0
-//! balanced = min(v · white gain of the filter, 1)       least gain 1: clipped highlights stay neutral
+//! balanced = min(v · white gain of the filter, limit)   least gain 1: clipped highlights stay neutral; limit 1, more for merged frames
 //! shaded   = balanced / S(filter, row, column)          shading, 1 unless asked for
 //! planes   = demosaic(shaded)                           demosaic
 //! rgb      = M · planes · 2^EV                          matrix: 3 × n, rows sum to 1
@@ -13,9 +13,11 @@
 //! first pixel; the pattern is that of the sensor, so a region of a raw (`roi_0`) develops as that part of the whole, except at its border.
 //! Not included (aesthetic choices): denoising, sharpening, tone curves, gamut mapping. Tests: against the model in float64.
 
+pub mod defects;
 mod demosaic;
 mod error;
 pub mod matrix;
+pub mod merge;
 pub mod shading;
 pub mod tone;
 
@@ -40,6 +42,8 @@ pub struct Recipe {
     pub plane_of: Vec<usize>,
     /// Digital number of no light, and of saturation.
     pub black_white_dn: (f64, f64),
+    /// Greatest value; 1 is saturation.
+    pub limit: f64,
     /// White gain of each filter.
     pub gains: Vec<f64>,
     /// Mean of 2 × 2 pixels of one filter.
@@ -246,11 +250,12 @@ impl Development {
 
     fn balance(&self, values: &mut [f32], rect: Rect) {
         let gains: Vec<f32> = self.recipe.gains.iter().map(|g| *g as f32).collect();
+        let limit = self.recipe.limit as f32;
         let row = |y: usize| (0..rect.width).map(|x| gains[self.filter(y, rect.x as usize + x)]).collect();
         let rows: Vec<Vec<f32>> = (0..self.pattern.rows).map(row).collect();
         for (line, y) in std::iter::zip(values.chunks_mut(rect.width), rect.y as usize..) {
             let gains = &rows[y % self.pattern.rows];
-            std::iter::zip(line, gains).for_each(|(v, gain)| *v = (*v * gain).min(1.0));
+            std::iter::zip(line, gains).for_each(|(v, gain)| *v = (*v * gain).min(limit));
         }
     }
 

@@ -4,7 +4,7 @@
 //!
 //! ```text
 //! signal (e-/s)  = A · Σ_b w_cb · ⟨E_b⟩                                             spectrum, pixels, stream; w_cb(place): angle, field_weights; between pixels: crosstalk, diffusion, spread
-//! mean (e-)      = max(signal, 0)·κ·t·max(1 + PRNU·z, 0) + D(T)·max(1 + DCNU·z, 0)·t   noise
+//! mean (e-)      = max(signal, 0)·κ·t·max(1 + PRNU·z, 0) + D(T)·max(1 + DCNU·z, 0)·t   noise; of hot pixels more: defects
 //! charge (e-)    = held(Poisson(mean)) + received; min(Poisson(mean), full well) without knee and blooming    noise, quantile, overflow
 //! read (e-)      = (charge + DSNU·z + reset·z + read·z + column offset·z + row·z)·(1 + column gain·z)
 //! raw (DN)       = clip(⌊black + g·K·read + adc·z + ½⌋, 0, 2^bits − 1)
@@ -16,7 +16,7 @@
 //! share of light that is not caught, so it has shot noise. PRNU, DCNU, DSNU and the column terms belong to the die and are the same in
 //! every frame; shot, reset, read, converter and row noise belong to the frame.
 //!
-//! Left out: lag, black sun, non-linearity of the electronics, rolling shutter. A raw of a given signal has the same bits on every
+//! Left out: lag, black sun, non-linearity of the electronics, motion. A raw of a given signal has the same bits on every
 //! machine, in any region, order and number of threads.
 //!
 //! # Words
@@ -28,11 +28,13 @@
 pub mod angle;
 pub mod crosstalk;
 mod curve;
+pub mod defects;
 pub mod diffusion;
 pub mod emva;
 pub mod exposure;
 pub mod field_weights;
 pub mod figures;
+pub mod flicker;
 mod lanes;
 mod model;
 pub mod noise;
@@ -48,6 +50,7 @@ mod variance;
 
 pub use crosstalk::Crosstalk;
 pub use curve::Curve;
+pub use defects::Defects;
 pub use exposure::{Exposure, SignalHistogram};
 pub use figures::{NoiseFigures, NoiseSet};
 pub use model::{Adc, Channel, Pattern, Pixel, QuantumEfficiencyOf, Sensor};

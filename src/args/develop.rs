@@ -27,6 +27,12 @@ pub struct DevelopArgs {
     /// Frame of the raw, from 0
     #[arg(long, default_value_t = 0)]
     pub frame: usize,
+    /// All frames of a raw of several exposure times as one of a wider range, of the brightness of --frame; .exr holds all of it, --exposure moves what .png and .tif show
+    #[arg(long)]
+    pub merge: bool,
+    /// Replace pixels that differ from their neighbours of their colour by more than noise does: hot pixels, telegraph noise, and points of light of one pixel
+    #[arg(long)]
+    pub correct_defects: bool,
     /// Only this rectangle of the picture, in its pixels
     #[arg(long, value_name = "X,Y,W,H", value_parser = roi)]
     pub crop: Option<Rect>,
@@ -84,6 +90,8 @@ impl DevelopArgs {
             out: out.into(),
             style: DevelopStyle::default(),
             frame: 0,
+            merge: false,
+            correct_defects: false,
             crop: None,
             threads: None,
             memory: None,

@@ -136,6 +136,9 @@ pub struct ExposeArgs {
     /// Temperature of the sensor, °C [default: that of its dark current]
     #[arg(long, value_name = "C", value_parser = temperature, allow_hyphen_values = true, help_heading = "Exposure")]
     pub temperature: Option<f64>,
+    /// Flicker of the light: frequency of its power, modulation 0 to 1, and the time since a maximum at the start of the first row [default: 0]
+    #[arg(long, value_name = "HZ:M[:TIME]", help_heading = "Light of the film")]
+    pub flicker: Option<String>,
     /// Regions of the sensor only, each an array roi_N; repeatable
     #[arg(long, value_name = "X,Y,W,H", value_parser = roi, help_heading = "Placement")]
     pub roi: Vec<Rect>,
@@ -218,6 +221,7 @@ impl ExposeArgs {
             die: 1,
             noise: NoiseSet::ALL,
             temperature: None,
+            flicker: None,
             roi: Vec::new(),
             size: None,
             center: (0.0, 0.0),

@@ -1,19 +1,25 @@
 //! One frame of a raw: its pixels, its sensor, and what its film records.
 
+use super::noise::{dark_variance_e2, sigma_e};
 use crate::failure::usage;
 use anyhow::{Result, bail};
 use formats::chart::{ChartOptions, ChartStore};
 use formats::raw::{RawShard, RawSpec, RawStore};
 use formats::sensor::SensorFile;
 use pipeline::colour::Illuminant;
+use pipeline::develop::defects;
+use pipeline::develop::merge::Bracket;
 use pipeline::geometry::Rect;
 use pipeline::sensor::Sensor;
 use serde_json::{Map, Value};
-use std::path::Path;
+use std::path::{Path, PathBuf};
 
 /// A frame of one array of a raw.
 pub struct Frame {
     store: ChartStore,
+    path: PathBuf,
+    /// Number of the array.
+    output: usize,
     #[cfg(feature = "view")]
     array: String,
     frame: usize,
@@ -27,6 +33,10 @@ pub struct Frame {
     pub sensor: Sensor,
     /// Gain of the converter.
     pub gain: f64,
+    /// All frames, shortest first, that are read as one.
+    bracket: Option<(Bracket, Vec<usize>)>,
+    /// Whether pixels that differ from their neighbours by more than noise are replaced.
+    corrects_defects: bool,
 }
 
 /// `PATH//array` of a group; an empty name without `//`. Unlike charts, a film or raw is always the group, also where the directory of
@@ -101,6 +111,8 @@ impl Frame {
         let array = names[output].to_owned();
         Ok(Self {
             store,
+            path: path.into(),
+            output,
             #[cfg(feature = "view")]
             array,
             frame,
@@ -109,14 +121,82 @@ impl Frame {
             sensor,
             gain,
             spec: layout,
+            bracket: None,
+            corrects_defects: false,
         })
     }
 
-    /// Digital numbers of pixels of the array.
+    /// With all frames of the raw as one, of the brightness of this one.
+    ///
+    /// # Errors
+    /// A raw of one exposure time (2); missing shards of a frame (1).
+    pub fn merged(self) -> Result<Self> {
+        let mut order: Vec<usize> = (0..self.spec.exposure_s.len()).collect();
+        order.sort_by(|a, b| self.spec.exposure_s[*a].total_cmp(&self.spec.exposure_s[*b]));
+        let times_s: Vec<f64> = order.iter().map(|k| self.spec.exposure_s[*k]).collect();
+        if times_s[0] == times_s[times_s.len() - 1] {
+            return Err(usage(format!(
+                "--merge: expected frames of several exposure times, found {} of {} s; make them by `lenscube sensor --exposure 1ms,4ms,16ms`",
+                times_s.len(),
+                times_s[0]
+            )));
+        }
+        let raw = RawStore::open(&self.path, true)?;
+        order.iter().try_for_each(|frame| check_complete(&raw, self.output, *frame))?;
+        let (sensor, pixel) = (&self.sensor, &self.sensor.pixel);
+        let bracket = Bracket {
+            times_s,
+            reference_s: self.exposure_s(),
+            black_dn: sensor.adc.black_dn,
+            dn_per_e: self.gain * sensor.adc.gain_dn_per_e,
+            limit_e: sensor.saturation_e(self.gain).min(pixel.overflow.knee * pixel.full_well_e),
+            dark_variance_e2: dark_variance_e2(&self),
+        };
+        Ok(Self { bracket: Some((bracket, order)), ..self })
+    }
+
+    /// With pixels that differ from their neighbours by more than noise replaced.
+    #[must_use]
+    pub fn without_defects(self) -> Self {
+        Self { corrects_defects: true, ..self }
+    }
+
+    /// Frames that are read for one.
+    pub fn reads(&self) -> usize {
+        self.bracket.as_ref().map_or(1, |(_, order)| order.len())
+    }
+
+    /// Ratio of the greatest value to that of saturation: above 1 where frames are read as one.
+    pub fn range(&self) -> f64 {
+        self.bracket.as_ref().map_or(1.0, |(bracket, _)| bracket.range())
+    }
+
+    /// Digital numbers of pixels of the array; of frames that are read as one, those that this frame would have without an end.
     pub fn read(&self, rect: Rect) -> Result<Vec<f32>> {
-        let mut pixels = vec![0.0; rect.size().pixels()];
-        self.store.read_rect(self.frame, rect, &mut pixels)?;
-        Ok(pixels)
+        match &self.bracket {
+            None => self.read_frame(self.frame, rect),
+            Some((bracket, order)) => {
+                let frames: Result<Vec<_>> = order.iter().map(|k| self.read_frame(*k, rect)).collect();
+                Ok(bracket.merged(&frames?))
+            }
+        }
+    }
+
+    fn read_frame(&self, frame: usize, rect: Rect) -> Result<Vec<f32>> {
+        let numbers = |rect: Rect| -> Result<Vec<f32>> {
+            let mut pixels = vec![0.0; rect.size().pixels()];
+            self.store.read_rect(frame, rect, &mut pixels)?;
+            Ok(pixels)
+        };
+        if !self.corrects_defects {
+            return numbers(rect);
+        }
+        let (pattern, adc) = (&self.sensor.pattern, &self.sensor.adc);
+        let period = (pattern.rows, pattern.columns);
+        let read = defects::needs(rect, period, self.rect.size().rect());
+        let dn_per_e = self.gain * adc.gain_dn_per_e;
+        let sigma_dn = |dn: f64| dn_per_e * sigma_e(self, (dn - adc.black_dn) / dn_per_e);
+        Ok(defects::corrected(&numbers(read)?, (rect, read), period, sigma_dn))
     }
 
     /// Digital numbers of no light and of saturation.

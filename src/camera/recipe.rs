@@ -52,6 +52,7 @@ pub fn resolve(frame: &Frame, style: &DevelopStyle, threads: usize) -> Result<Na
         pattern: sensor.pattern.clone(),
         plane_of,
         black_white_dn: frame.black_white_dn(),
+        limit: frame.range(),
         gains,
         bin: style.bin == 2,
         demosaic,

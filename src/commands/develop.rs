@@ -78,13 +78,19 @@ fn check_flags(style: &DevelopStyle, format: Format, out: &Path) -> Result<()> {
 fn write(args: &DevelopArgs, format: Format) -> Result<()> {
     let start = Instant::now();
     let threads = threads(args.threads);
-    let first = Frame::open(&args.raw, args.frame, 0)?;
+    let open = |cache| {
+        let frame = Frame::open(&args.raw, args.frame, cache)?;
+        let frame = if args.correct_defects { frame.without_defects() } else { frame };
+        if args.merge { frame.merged() } else { Ok(frame) }
+    };
+    let first = open(0)?;
     let width = args.crop.map_or(first.rect.width, |c| c.width * usize::from(args.style.bin));
     let limit = args.memory.unwrap_or_else(|| default_limit().min(DEFAULT_MEMORY));
-    let flats = 1 + usize::from(args.style.shading != "none");
-    let memory = Memory::plan(limit, threads, width, flats)?;
+    let raws = first.reads() + usize::from(args.style.shading != "none");
+    let memory = Memory::plan(limit, threads, width, raws)?;
+    // One cache for all frames of the raw.
+    let frame = open(memory.cache * first.reads())?;
     drop(first);
-    let frame = Frame::open(&args.raw, args.frame, memory.cache)?;
     let developer = Developer::new(frame, &args.style, memory.threads, memory.cache)?;
     let all = developer.rect();
     let region = args.crop.unwrap_or(all);
@@ -148,16 +154,18 @@ fn comment(args: &DevelopArgs, developer: &Developer) -> String {
     let (frame, style) = (&developer.frame, &args.style);
     let digest = frame.job_digest();
     format!(
-        "lenscube {} develop: raw of job {}, sensor {}, frame {} of {:.6e} s, gain {}; {}, shading {}, exposure {} EV",
+        "lenscube {} develop: raw of job {}, sensor {}, frame {} of {:.6e} s{}, gain {}; {}, shading {}, exposure {} EV{}",
         env!("CARGO_PKG_VERSION"),
         &digest[..digest.len().min(16)],
         frame.sensor.name,
         frame.number(),
         frame.exposure_s(),
+        if args.merge { format!(" with all {}", frame.reads()) } else { String::new() },
         frame.gain,
         developer.description,
         style.shading,
         style.exposure,
+        if args.correct_defects { ", defects corrected" } else { "" },
     )
 }
 

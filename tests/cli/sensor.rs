@@ -7,6 +7,7 @@ mod catalogue;
 mod crosstalk;
 mod interruption;
 mod light;
+mod time;
 
 const USAGE: i32 = 2;
 const OTHER_JOB: i32 = 3;

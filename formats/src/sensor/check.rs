@@ -60,6 +60,14 @@ pub(super) fn fields(path: &Path, t: &SensorText) -> Result<(), SensorError> {
     for (row, value) in t.noise.rows() {
         within(&format!("noise.{}", row.field), value, (0.0, row.max))?;
     }
+    let d = t.defects.unwrap_or_default();
+    within("defects.hot_pixels", d.hot_pixels, (0.0, 1.0))?;
+    within("defects.hot_dark_e_per_s", d.hot_dark_e_per_s, (0.0, 1e9))?;
+    within("defects.telegraph_pixels", d.telegraph_pixels, (0.0, 1.0))?;
+    within("defects.telegraph_e", d.telegraph_e, (0.0, 1e6))?;
+    if let Some(shutter) = t.shutter {
+        within("shutter.row_time_us", shutter.row_time_us, (0.0, 1e6))?;
+    }
     within("adc.bits", f64::from(a.bits), (1.0, 16.0))?;
     above("adc.gain_dn_per_e", a.gain_dn_per_e, 1e6)?;
     within("adc.black_dn", a.black_dn, (0.0, f64::from((1u32 << a.bits) - 2)))?;

@@ -17,6 +17,10 @@ pub(super) struct SensorText {
     pub pixel: PixelText,
     #[serde(default)]
     pub noise: NoiseFigures,
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub defects: Option<DefectsText>,
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub shutter: Option<ShutterText>,
     pub adc: AdcText,
     pub spectral: SpectralText,
     #[serde(skip_serializing_if = "Option::is_none")]
@@ -223,4 +227,21 @@ pub(super) struct CrosstalkText {
     pub depletion_um: Option<f64>,
     #[serde(skip_serializing_if = "Option::is_none")]
     pub absorption: Option<String>,
+}
+
+/// Hot pixels and telegraph noise.
+#[derive(Clone, Copy, Debug, Default, Deserialize, Serialize)]
+#[serde(deny_unknown_fields, default)]
+pub(super) struct DefectsText {
+    pub hot_pixels: f64,
+    pub hot_dark_e_per_s: f64,
+    pub telegraph_pixels: f64,
+    pub telegraph_e: f64,
+}
+
+/// When rows are exposed.
+#[derive(Clone, Copy, Debug, Deserialize, Serialize)]
+#[serde(deny_unknown_fields)]
+pub(super) struct ShutterText {
+    pub row_time_us: f64,
 }

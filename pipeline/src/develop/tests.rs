@@ -101,6 +101,7 @@ fn recipe(pattern: Pattern, demosaic: Demosaic) -> Recipe {
         pattern,
         plane_of: vec![0, 1, 1, 2],
         black_white_dn: (256.0, 4064.0),
+        limit: 1.0,
         gains: vec![1.75, 1.0, 1.0, 2.25],
         bin: false,
         demosaic,

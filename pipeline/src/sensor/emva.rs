@@ -143,6 +143,7 @@ impl Bench<'_> {
             frame,
             noise: NOISES,
             temperature_c: None,
+            flicker: None,
         };
         let signal = vec![(photons * self.quantum_efficiency / self.seconds) as f32; FRAME.pixels()];
         let mut raw = vec![0; FRAME.pixels()];

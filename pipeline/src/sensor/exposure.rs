@@ -1,6 +1,7 @@
 //! What one frame is taken with, and the time that a percentile of its pixels fits.
 
 use super::figures::NoiseSet;
+use super::flicker::Flicker;
 use super::model::Sensor;
 
 /// What one frame is taken with.
@@ -22,6 +23,8 @@ pub struct Exposure {
     pub noise: NoiseSet,
     /// Temperature, °C; the reference's if none.
     pub temperature_c: Option<f64>,
+    /// Flicker of the light, from the start of the frame's first row on; none: it is constant.
+    pub flicker: Option<Flicker>,
 }
 
 /// Bits of an f32 that name its bin: sign, exponent and 11 bits of the fraction.

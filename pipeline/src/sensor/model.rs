@@ -3,6 +3,7 @@
 use super::angle::{AngularResponse, Plate};
 use super::crosstalk::Crosstalk;
 use super::curve::Curve;
+use super::defects::Defects;
 use super::figures::{NoiseFigures, NoiseSet};
 use super::overflow::Overflow;
 use super::quantile;
@@ -76,6 +77,10 @@ pub struct Sensor {
     pub pixel: Pixel,
     /// Its noises.
     pub noise: NoiseFigures,
+    /// Pixels that are not like the others.
+    pub defects: Defects,
+    /// Time from the start of a row to that of the next, s; 0: all rows at once.
+    pub row_time_s: f64,
     /// Its converter.
     pub adc: Adc,
     /// The filters of its mosaic.
@@ -145,9 +150,14 @@ impl Sensor {
 
     /// Dark current at a temperature (the reference's if none), e-/s.
     pub fn dark_current_e_per_s(&self, temperature_c: Option<f64>) -> f64 {
+        self.pixel.dark_current_e_per_s * self.dark_factor(temperature_c)
+    }
+
+    /// Dark current at a temperature over that at the reference's.
+    pub(super) fn dark_factor(&self, temperature_c: Option<f64>) -> f64 {
         let p = &self.pixel;
         let above = temperature_c.unwrap_or(p.dark_reference_c) - p.dark_reference_c;
-        p.dark_current_e_per_s * quantile::exp(above / p.dark_doubling_k * std::f64::consts::LN_2)
+        quantile::exp(above / p.dark_doubling_k * std::f64::consts::LN_2)
     }
 
     /// Standard deviation of a pixel in the dark over pixels and frames, DN, rounding included.

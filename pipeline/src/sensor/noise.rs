@@ -3,6 +3,8 @@
 //! A tile is computed row by row, [`LANES`] pixels at a time, each step over all of them before the next, so that the compiler vectorizes
 //! the steps. A quantity whose noise is off or whose standard deviation is 0 draws no numbers; its terms drop out exactly.
 
+use super::defects::{Defects, amplitude};
+use super::flicker::Flicker;
 use super::lanes::Set;
 use super::overflow::Overflow;
 use super::quantile::{normal_quantile, normal_quantiles, poissons};
@@ -16,6 +18,11 @@ pub struct Exposer {
     /// Standard deviations; 0 where the noise is off.
     sigma: NoiseFigures,
     shot: bool,
+    /// Defects, charges of the exposure (e-) in place of dark currents; 0 where their noise is off.
+    defects: Defects,
+    flicker: Option<Flicker>,
+    seconds: f64,
+    row_time_s: f64,
     /// Electrons of a signal of 1 e-/s.
     signal_scale: f64,
     /// Mean dark charge, e-.
@@ -38,6 +45,8 @@ pub(super) struct ExposeRow<'a> {
     column: u32,
     /// Row noise, e-.
     offset_e: f64,
+    /// Electrons of a signal of 1 e-/s.
+    signal_scale: f64,
     /// Offset (e-) and gain of each column; empty if there is none.
     column_offset_e: &'a [f64],
     column_gain: &'a [f64],
@@ -58,9 +67,20 @@ impl Exposer {
     /// One frame of `sensor`.
     pub fn new(sensor: &Sensor, e: &Exposure) -> Self {
         let dark = sensor.dark_current_e_per_s(e.temperature_c) * e.seconds;
+        let hot_e = sensor.defects.hot_dark_e_per_s * sensor.dark_factor(e.temperature_c) * e.seconds;
+        let defects = Defects {
+            hot_pixels: e.noise.on(NoiseSet::DARK, sensor.defects.hot_pixels),
+            hot_dark_e_per_s: hot_e,
+            telegraph_pixels: e.noise.on(NoiseSet::READ, sensor.defects.telegraph_pixels),
+            ..sensor.defects
+        };
         Self {
             sigma: sensor.noise.switched(e.noise),
             shot: e.noise.has(NoiseSet::SHOT),
+            defects,
+            flicker: e.flicker,
+            seconds: e.seconds,
+            row_time_s: sensor.row_time_s,
             signal_scale: e.scale * e.seconds,
             dark_e: e.noise.on(NoiseSet::DARK, dark),
             full_well_e: sensor.pixel.full_well_e,
@@ -114,6 +134,7 @@ impl Exposer {
                 row,
                 column: rect.x as u32,
                 offset_e: self.row_offset_e(row),
+                signal_scale: self.signal_scale_of(row),
                 column_offset_e: &columns.0,
                 column_gain: &columns.1,
                 received_e,
@@ -138,11 +159,20 @@ impl Exposer {
                 row: rect.y as u32 + i as u32,
                 column: rect.x as u32,
                 offset_e: 0.0,
+                signal_scale: self.signal_scale_of(rect.y as u32 + i as u32),
                 column_offset_e: &[],
                 column_gain: &[],
                 received_e: &[],
             };
             self.set.charge_row(&row, signal, out);
+        }
+    }
+
+    /// Electrons of a signal of 1 e-/s in a row.
+    fn signal_scale_of(&self, row: u32) -> f64 {
+        match &self.flicker {
+            None => self.signal_scale,
+            Some(flicker) => self.signal_scale * flicker.mean(f64::from(row) * self.row_time_s, self.seconds),
         }
     }
 
@@ -222,7 +252,7 @@ fn charge_lanes(row: &ExposeRow<'_>, first: usize, signal: Lanes) -> (Lanes, Lan
     let e = row.exposer;
     let s = &e.sigma;
     let column = row.column.wrapping_add(first as u32);
-    let mut mean = signal.map(|v| v * e.signal_scale);
+    let mut mean = signal.map(|v| v * row.signal_scale);
     let die = match s.prnu != 0.0 || s.dsnu_e != 0.0 {
         true => uniforms(Stream::PrnuDsnu, row.row, column, 0, e.die),
         false => [[0.5; LANES]; 2],
@@ -236,6 +266,12 @@ fn charge_lanes(row: &ExposeRow<'_>, first: usize, signal: Lanes) -> (Lanes, Lan
             vary(&mut dark, s.dark_nonuniformity, &uniforms(Stream::Dcnu, row.row, column, 0, e.die)[0]);
         }
         std::iter::zip(&mut mean, &dark).for_each(|(m, d)| *m += d);
+    }
+    if e.defects.hot_pixels != 0.0 {
+        let of = e.defects;
+        let u = uniforms(Stream::Defects, row.row, column, 0, e.die)[0];
+        std::iter::zip(&mut mean, &u)
+            .for_each(|(m, u)| *m += of.hot_dark_e_per_s * amplitude(*u, of.hot_pixels));
     }
     let own = match e.shot || s.read_noise_e != 0.0 {
         true => uniforms(Stream::ShotRead, row.row, column, e.frame, e.seed),
@@ -270,6 +306,15 @@ fn expose_lanes(row: &ExposeRow<'_>, first: usize, signal: Lanes) -> [u16; LANES
     }
     if s.read_noise_e != 0.0 {
         add_noise(&mut charge, s.read_noise_e, &of_read);
+    }
+    if e.defects.telegraph_pixels != 0.0 {
+        let of = e.defects;
+        let v = uniforms(Stream::Defects, row.row, column, 0, e.die)[1];
+        let w = uniforms(Stream::Telegraph, row.row, column, e.frame, e.seed)[0];
+        for (charge, (v, w)) in std::iter::zip(&mut charge, std::iter::zip(&v, &w)) {
+            let half = 0.5 * of.telegraph_e * amplitude(*v, of.telegraph_pixels);
+            *charge += if *w < 0.5 { -half } else { half };
+        }
     }
     if !row.column_offset_e.is_empty() {
         std::iter::zip(&mut charge, &row.column_offset_e[first..]).for_each(|(v, offset)| *v += offset);

@@ -20,12 +20,16 @@ pub enum Stream {
     ResetAdc = 1,
     /// Frame: row noise, at column 0.
     Row = 2,
+    /// Frame: state of telegraph noise.
+    Telegraph = 3,
     /// Die: PRNU; DSNU.
     PrnuDsnu = 16,
     /// Die: dark current.
     Dcnu = 17,
     /// Die: offset and gain of a column, at row 0.
     Column = 18,
+    /// Die: hot pixels; telegraph noise.
+    Defects = 19,
     /// What a sample of a data set is made of.
     Sample = 32,
 }

@@ -33,6 +33,7 @@ pub(super) fn measure(bench: &mut Bench<'_>) -> Result<()> {
         frame: 0,
         noise: NoiseSet::ALL,
         temperature_c: None,
+        flicker: None,
     };
     let exposer = Exposer::new(&sensor, &exposure);
     let mut raw = vec![0; size.pixels()];
@@ -49,6 +50,7 @@ pub(super) fn measure(bench: &mut Bench<'_>) -> Result<()> {
         pattern: sensor.pattern.clone(),
         plane_of: sensor.plane_of_channels(),
         black_white_dn: (sensor.adc.black_dn, sensor.white_dn(1.0)),
+        limit: 1.0,
         gains: sensor.white_gains(Illuminant::D65),
         bin: false,
         demosaic: Demosaic::Malvar,

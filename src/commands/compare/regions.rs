@@ -2,11 +2,11 @@
 
 use super::Pair;
 use crate::camera::frame::Frame;
+use crate::camera::noise::sigma_e;
 use anyhow::Result;
 use formats::parallel;
 use formats::picture::image::Image;
 use pipeline::geometry::{Rect, Size};
-use pipeline::sensor::NoiseSet;
 use serde_json::{Value, json};
 use std::fmt::Write;
 use std::sync::Mutex;
@@ -239,20 +239,6 @@ pub fn electrons(frame: &Frame, rect: Rect) -> Result<Vec<f32>> {
     let adc = &frame.sensor.adc;
     let (black, k) = (adc.black_dn as f32, (frame.gain * adc.gain_dn_per_e) as f32);
     Ok(frame.read(rect)?.iter().map(|v| (v - black) / k).collect())
-}
-
-/// Standard deviation of a pixel of some mean charge over frames and dies, e-: of the noises that are on, rounding included.
-pub fn sigma_e(frame: &Frame, mean_e: f64) -> f64 {
-    let s = &frame.sensor;
-    let job = frame.attributes.get("provenance").map(|p| &p["job"]);
-    let noise = job.and_then(|j| j["noise"].as_str()).and_then(|n| n.parse().ok()).unwrap_or(NoiseSet::ALL);
-    let temperature_c = job.and_then(|j| j["temperature_c"].as_f64());
-    let dark_e = match noise.has(NoiseSet::DARK) {
-        true => s.dark_current_e_per_s(temperature_c) * frame.exposure_s(),
-        false => 0.0,
-    };
-    // The mean contains the dark charge.
-    s.noise_variance(noise, frame.gain, mean_e.max(0.0), dark_e).total_e2().sqrt()
 }
 
 /// Rectangles of a grid of `cells` (down, across), row by row.

@@ -7,10 +7,11 @@
 //! ```
 //! Cells divide the part of the film plane that both sensors see, in mm from the optical axis; a pixel belongs to the cell of its centre.
 
-use super::regions::{electrons, sigma_e};
+use super::regions::electrons;
 use super::report::{NAMES, page, table};
 use crate::args::CompareArgs;
 use crate::camera::frame::Frame;
+use crate::camera::noise::sigma_e;
 use crate::failure::usage;
 use crate::machine::threads;
 use crate::progress::print;

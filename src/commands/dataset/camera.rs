@@ -213,6 +213,7 @@ impl<'a> Camera<'a> {
             frame: 0,
             noise: self.noise,
             temperature_c: self.table.temperature_c,
+            flicker: None,
         })
     }
 
@@ -248,6 +249,7 @@ impl<'a> Camera<'a> {
             pattern: p.clone(),
             plane_of,
             black_white_dn: (sensor.adc.black_dn, sensor.white_dn(draw.gain)),
+            limit: 1.0,
             gains,
             bin: false,
             demosaic: if pattern.is_bayer() { Demosaic::Malvar } else { Demosaic::Bilinear },

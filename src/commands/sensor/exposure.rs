@@ -2,9 +2,13 @@
 
 use crate::failure::usage;
 use anyhow::Result;
+use pipeline::sensor::flicker::Flicker;
 
 /// Longest exposure, s.
 pub(super) const MAX_SECONDS: f64 = 3600.0;
+
+/// Frequencies of a light's power, Hz.
+const FLICKER_HZ: (f64, f64) = (1e-3, 1e6);
 
 /// What the exposure is.
 #[derive(Clone, Debug, PartialEq)]
@@ -41,6 +45,22 @@ fn seconds(word: &str) -> Result<f64, String> {
 /// The time that a flag gives, s.
 pub fn time(flag: &str, text: &str) -> Result<f64> {
     seconds(text).map_err(|e| usage(format!("{flag} {text}: {e}")))
+}
+
+/// The light of `--flicker HZ:M[:TIME]`.
+pub(super) fn flicker(text: &str) -> Result<Flicker> {
+    let fail = |e: String| usage(format!("--flicker {text}: {e}"));
+    let mut words = text.splitn(3, ':');
+    let mut number = |what: &str, (low, high): (f64, f64)| {
+        let word = words.next().unwrap_or_default().trim();
+        let value = word.parse::<f64>().ok().filter(|v| (low..=high).contains(v));
+        value
+            .ok_or_else(|| fail(format!("expected {what} of {low} to {high}, found `{word}`, as in 100:0.4")))
+    };
+    let frequency_hz = number("a frequency in Hz", FLICKER_HZ)?;
+    let modulation = number("a modulation", (0.0, 1.0))?;
+    let start_s = words.next().map_or(Ok(0.0), seconds).map_err(fail)?;
+    Ok(Flicker { frequency_hz, modulation, start_s })
 }
 
 impl Times {

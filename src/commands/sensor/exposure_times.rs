@@ -68,8 +68,11 @@ impl RawJob {
 
     /// What frame `frame` is taken with.
     pub fn frame(&self, times: &ExposureTimes, frame: usize) -> Exposure {
+        let readout_s = self.size().height as f64 * self.sensor.row_time_s;
+        let start_s: f64 = times.exposure_s[..frame].iter().map(|t| t.max(readout_s)).sum();
         Exposure {
             seconds: times.exposure_s[frame],
+            flicker: self.exposure.flicker.map(|flicker| flicker.after(start_s)),
             scale: times.scale,
             frame: frame as u32,
             ..self.exposure

@@ -7,7 +7,7 @@ use crate::args::ExposeArgs;
 use crate::film::digest;
 use formats::object;
 use pipeline::sensor::angle::{AngularResponse, Plate};
-use pipeline::sensor::{Overflow, QuantumEfficiencyOf, Sensor};
+use pipeline::sensor::{Defects, Overflow, QuantumEfficiencyOf, Sensor};
 use serde_json::{Map, Value, json};
 
 /// Raised whenever the program gives other digital numbers for the same job.
@@ -73,6 +73,14 @@ fn electronics(sensor: &Sensor) -> String {
         json!([f64::from(a.bits), a.gain_dn_per_e, a.black_dn]),
     ];
     parts.extend(later.map(|(row, value)| json!([row.field, value])));
+    if sensor.defects != Defects::default() {
+        let d = sensor.defects;
+        let numbers = [d.hot_pixels, d.hot_dark_e_per_s, d.telegraph_pixels, d.telegraph_e];
+        parts.push(json!(["defects", numbers]));
+    }
+    if sensor.row_time_s != 0.0 {
+        parts.push(json!(["row_time_s", sensor.row_time_s]));
+    }
     if p.overflow != Overflow::NONE {
         parts.push(json!(["overflow", p.overflow.knee, p.overflow.blooming]));
     }
@@ -88,7 +96,7 @@ pub fn of_job(
     relative: bool,
 ) -> Map<String, Value> {
     let nominal = relative.then(|| args.nominal.clone());
-    object! {
+    let mut identity = object! {
         "numeric_version": NUMERIC_VERSION,
         "signal": signal,
         "sensor": sensor.name,
@@ -105,5 +113,10 @@ pub fn of_job(
         "nominal": nominal,
         "keep_signal": args.keep_signal,
         "rois": args.roi.iter().map(|r| [r.x, r.y, r.width as i64, r.height as i64]).collect::<Vec<_>>(),
+    };
+    // Without it, raws of earlier versions keep their identity.
+    if let Some(flicker) = &args.flicker {
+        identity.insert("flicker".into(), flicker.clone().into());
     }
+    identity
 }

@@ -1,7 +1,7 @@
 //! Flags resolved: film or kept signal, sensor, geometry, exposure, memory. What can fail early fails here, before any pixel.
 
 use super::directions::Directions;
-use super::exposure::{Times, time};
+use super::exposure::{Times, flicker, time};
 use super::film::{Film, FilmPlane};
 use super::geometry::{Geometry, check_pitch, check_rois};
 use super::kept::Kept;
@@ -216,6 +216,7 @@ impl RawJob {
             frame: 0,
             noise: args.noise,
             temperature_c: args.temperature,
+            flicker: args.flicker.as_deref().map(flicker).transpose()?,
         };
         warnings.extend(warnings::of_black(&sensor, gain, args.temperature));
         Ok(Self {

@@ -77,6 +77,7 @@ fn figures(file: &SensorFile, s: &Sensor) -> Vec<String> {
             p.dark_current_e_per_s, p.dark_reference_c, p.dark_doubling_k
         ),
         format!("  fixed patterns    {}", noises(s, Over::Die)),
+        defects(s),
         format!("  dynamic range     {:.1} dB", 20.0 * s.dynamic_range().log10()),
     ];
     lines.retain(|line| !line.is_empty());
@@ -143,6 +144,27 @@ fn angles(s: &Sensor) -> Vec<String> {
         lines.push(format!("  plate             {kind}, index {}", plate.index));
     }
     lines
+}
+
+/// Defects and rows; empty without.
+fn defects(s: &Sensor) -> String {
+    let d = s.defects;
+    let mut parts = Vec::new();
+    if d.hot_pixels > 0.0 {
+        parts.push(format!(
+            "hot pixels {} %, {} e-/s more on average",
+            number(100.0 * d.hot_pixels),
+            number(d.hot_dark_e_per_s)
+        ));
+    }
+    if d.telegraph_pixels > 0.0 {
+        let (share, levels_e) = (number(100.0 * d.telegraph_pixels), number(d.telegraph_e));
+        parts.push(format!("telegraph noise {share} %, levels {levels_e} e- apart on average"));
+    }
+    if s.row_time_s > 0.0 {
+        parts.push(format!("a row starts every {} µs", number(1e6 * s.row_time_s)));
+    }
+    if parts.is_empty() { String::new() } else { format!("  defects, rows     {}", parts.join("; ")) }
 }
 
 /// How pixels fill and overflow; empty where the full well is a limit.

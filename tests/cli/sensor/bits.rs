@@ -120,6 +120,7 @@ fn signals_and_raws_equal_those_of_the_float64_model() {
             frame: case["frame"].as_u64().unwrap() as u32,
             noise: NoiseSet::ALL,
             temperature_c: None,
+            flicker: None,
         };
         let mut numbers = vec![0; expected.len()];
         Exposer::new(&own, &exposure).expose(&expected, Rect::new(0, 0, size.0, size.1), &mut numbers);

@@ -1,5 +1,5 @@
 use super::*;
-use crate::sensor::{Adc, Channel, Curve, Overflow, Pattern, Pixel, QuantumEfficiencyOf};
+use crate::sensor::{Adc, Channel, Curve, Defects, Overflow, Pattern, Pixel, QuantumEfficiencyOf};
 
 /// The figures of the built-in sensor example-2um.
 pub(crate) fn example() -> Sensor {
@@ -32,6 +32,8 @@ pub(crate) fn example() -> Sensor {
             row_noise_e: 0.3,
             ..NoiseFigures::default()
         },
+        defects: Defects::default(),
+        row_time_s: 0.0,
         adc: Adc { bits: 12, gain_dn_per_e: 0.28, black_dn: 256.0, gains: vec![], base_iso: Some(100.0) },
         channels: ["R", "G", "B"].map(channel).into(),
         per_energy: false,
@@ -53,6 +55,7 @@ fn exposure() -> Exposure {
         frame: 0,
         noise: NoiseSet::ALL,
         temperature_c: None,
+        flicker: None,
     }
 }
 

@@ -109,6 +109,7 @@ fn what_a_sensor_receives_is_that_of_its_columns() {
         frame: 0,
         noise: NoiseSet::ALL,
         temperature_c: None,
+        flicker: None,
     };
     let exposer = Exposer::new(&sensor, &exposure);
     let rect = Rect::new(0, 10, 50, 150);
