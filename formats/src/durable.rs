@@ -12,7 +12,7 @@
 //! | module | contents |
 //! |---|---|
 //! | `store` | [`Store`]: one interface to directories and objects |
-//! | `directory`, `handle` | [`Directory`]: keys of a directory, by system calls relative to an open directory |
+//! | `directory`, `handle` | [`Directory`]: keys of a directory, by system calls relative to an open directory; [`Batch`]: files of it that are committed together |
 //! | `objects` | [`Objects`]: keys below a URL; `no_objects` in a build without the feature `s3` |
 //! | `atomic_file`, `file_group`, `rename` | replacement of one file, of files that belong together, of a directory |
 //! | `hashed_file` | [`HashedFile`]: an open file and the digest of its bytes |
@@ -50,7 +50,7 @@ mod zarr;
 
 pub use atomic_file::{AtomicFile, unnamed_temp_file};
 pub use direct::FileBytes;
-pub use directory::Directory;
+pub use directory::{Batch, Directory};
 pub use error::{DurableError, passes};
 pub(crate) use error::{is_not_found, store_error};
 pub use fault::{point as fault_point, signal_handled as fault_signal_handled};

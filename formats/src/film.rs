@@ -43,12 +43,14 @@ mod shards;
 mod spec;
 mod store;
 mod verify;
+mod writer;
 
 pub use crate::shard::{Codec, SampleType};
 pub use layers::FilmLayer;
 pub use shards::EncodedShard;
 pub use spec::FilmSpec;
 pub use store::FilmStore;
+pub use writer::FilmWriter;
 
 #[cfg(test)]
 mod tests;

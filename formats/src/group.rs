@@ -22,7 +22,7 @@ use std::path::{Path, PathBuf};
 use bytes::Bytes;
 use serde_json::{Map, Value};
 
-use crate::durable::{DurableError, Lock, LockOwner, Removal, Store, Sweep, fault_point, link_target};
+use crate::durable::{Batch, DurableError, Lock, LockOwner, Removal, Store, Sweep, fault_point, link_target};
 use crate::hierarchy::NewGroup;
 
 pub(crate) use derived::{Derived, OME, PYRAMID_GROUP, metadata_key};
@@ -165,6 +165,32 @@ impl JobGroup {
         self.check_in_place()?;
         fault_point("commit-checked");
         self.report_replacement(self.store.write(key, bytes))
+    }
+
+    /// As [`JobGroup::commit`], but the file is present only after [`JobGroup::commit_batch`].
+    pub(crate) fn stage(
+        &self,
+        batch: &mut Batch,
+        key: &str,
+        rank: u8,
+        bytes: &[u8],
+    ) -> Result<(), GroupError> {
+        fault_point("commit");
+        self.check_in_place()?;
+        fault_point("commit-checked");
+        self.report_replacement(batch.stage(key, rank, bytes))
+    }
+
+    /// Commits the files of `batch`, durably; each is absent or complete, and present only beside all files of lower ranks.
+    pub(crate) fn commit_batch(&self, batch: &mut Batch) -> Result<(), GroupError> {
+        if batch.is_empty() {
+            return Ok(());
+        }
+        fault_point("batch-staged");
+        self.report_replacement(batch.flush())?;
+        self.check_in_place()?;
+        fault_point("batch-flushed");
+        self.report_replacement(batch.publish())
     }
 
     /// Writes a file that does not belong to the arrays, such as `runs/….json`.

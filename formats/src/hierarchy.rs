@@ -2,16 +2,16 @@
 //!
 //! The metadata has the form that zarr-python 3 writes, with consolidated metadata in the group's `zarr.json`, so that xarray,
 //! zarr-python, tensorstore and napari open the group. In a directory the group is written to a temp directory beside its final
-//! path and renamed when it is complete on disk: the path holds nothing or a complete group, also if the process is killed; of two
-//! processes that create it at once, one succeeds and the other gets an error. Objects cannot be renamed: they are written to
-//! their final keys, the group's `zarr.json`, without which there is no group, last.
+//! path, metadata and coordinates as a [`Batch`], and renamed when it is complete on disk: the path holds nothing or a complete
+//! group, also if the process is killed; of two processes that create it at once, one succeeds and the other gets an error. Objects
+//! cannot be renamed: they are written to their final keys, the group's `zarr.json`, without which there is no group, last.
 
 use std::path::{Path, PathBuf};
 
 use serde_json::{Map, Value, json};
 
 use crate::durable::{
-    DurableError, Store, create_directories, link_target, parent_of, publish, replace_directory,
+    Batch, DurableError, Store, create_directories, link_target, parent_of, publish, replace_directory,
     sweep_entries, temp_name,
 };
 
@@ -66,6 +66,8 @@ pub(crate) struct NewGroup {
     /// Final path or URL.
     path: PathBuf,
     fsync: bool,
+    /// Metadata and coordinates that are not committed yet, in a directory.
+    batch: Option<Batch>,
     /// Metadata of the arrays by name.
     arrays: Map<String, Value>,
     /// Whether to replace an existing directory when the group is published.
@@ -101,7 +103,7 @@ impl NewGroup {
                 Store::at(&parent.join(temp_name()))?.with_fsync(fsync)
             }
         };
-        Ok(Some(Self { store, path: path.into(), fsync, arrays: Map::new(), replace: false }))
+        Ok(Some(Self::new(store, path, fsync, false)))
     }
 
     /// Begins a group that replaces the directory at `path` when it is published.
@@ -110,12 +112,26 @@ impl NewGroup {
         let parent = parent_of(path);
         sweep_entries(parent)?;
         let store = Store::at(&parent.join(temp_name()))?.with_fsync(fsync);
-        Ok(Self { store, path: path.into(), fsync, arrays: Map::new(), replace: true })
+        Ok(Self::new(store, path, fsync, true))
+    }
+
+    fn new(store: Store, path: &Path, fsync: bool, replace: bool) -> Self {
+        let batch = match &store {
+            Store::Directory(directory) => Some(Batch::new(directory.clone())),
+            Store::Objects(_) => None,
+        };
+        Self { store, path: path.into(), fsync, batch, arrays: Map::new(), replace }
+    }
+
+    fn write(&mut self, key: &str, bytes: Vec<u8>) -> Result<(), DurableError> {
+        let Some(batch) = &mut self.batch else { return self.store.write(key, bytes) };
+        batch.stage(key, 0, &bytes)?;
+        if batch.is_due() { batch.commit() } else { Ok(()) }
     }
 
     /// Writes an array's metadata.
     pub(crate) fn array(&mut self, name: &str, metadata: Value) -> Result<(), DurableError> {
-        self.store.write(&format!("{name}/zarr.json"), pretty(&metadata))?;
+        self.write(&format!("{name}/zarr.json"), pretty(&metadata))?;
         self.arrays.insert(name.into(), metadata);
         Ok(())
     }
@@ -126,7 +142,7 @@ impl NewGroup {
         name: &str,
         (metadata, bytes): (Value, Vec<u8>),
     ) -> Result<(), DurableError> {
-        self.store.write(&format!("{name}/c/0"), bytes)?;
+        self.write(&format!("{name}/c/0"), bytes)?;
         self.array(name, metadata)
     }
 
@@ -142,17 +158,17 @@ impl NewGroup {
     /// Writes the group's metadata and moves the group to its path. `false` if the path was taken meanwhile.
     pub(crate) fn publish(mut self, attributes: Value) -> Result<bool, DurableError> {
         let bytes = pretty(&group_metadata(attributes, std::mem::take(&mut self.arrays)));
-        match &self.store {
-            Store::Objects(objects) => objects.write_new("zarr.json", bytes.into()),
-            Store::Directory(directory) => {
-                directory.write("zarr.json", &bytes)?;
-                if self.replace {
-                    replace_directory(directory.root(), &self.path)?;
-                    return Ok(true);
-                }
-                publish(directory.root(), &self.path, self.fsync)
-            }
+        if let Store::Objects(objects) = &self.store {
+            return objects.write_new("zarr.json", bytes.into());
         }
+        self.write("zarr.json", bytes)?;
+        self.batch.iter_mut().try_for_each(Batch::commit)?;
+        let directory = self.store.root();
+        if self.replace {
+            replace_directory(directory, &self.path)?;
+            return Ok(true);
+        }
+        publish(directory, &self.path, self.fsync)
     }
 }
 

@@ -10,7 +10,7 @@
 //! 4. An explicit `--engine` is the film's (exit code 3). If all shards are present: exit code 0.
 //! 5. Lock; temporary files of ended processes are removed; missing shards are listed again.
 //! 6. The engine is the film's, or is recorded in it with `--mixed-engines` (exit code 3). Then a chart with interleaved bands is copied.
-//! 7. During the run: the film is in place before each shard is committed, and chart files are unchanged when they are read.
+//! 7. During the run: the film is in place before each shard, or batch of shards of a small film, is committed, and chart files are unchanged when they are read.
 //! 8. At the end: the film is in place, chart and lens are unchanged.
 //!
 //! Units of a plan: the digest, schema and numeric version of the plan, the list of units and the arguments; step 1; the film (opened, not
@@ -49,7 +49,7 @@ use clap::ArgMatches;
 use display::Display;
 use forecast::Forecast;
 use formats::durable::{Lock, ProcessIdentity, fault_point, is_url, parent_of};
-use formats::film::FilmStore;
+use formats::film::{FilmStore, FilmWriter};
 use formats::group::{GroupError, JobGroup};
 use monitor::{Monitor, RunFailure};
 use pipeline::cuda::memory::DeviceQueue;
@@ -318,6 +318,7 @@ fn restore_layers(task: &Task<'_>, job: &Job) -> Result<()> {
         return Ok(());
     }
     let _lock = task.lock_and_sweep()?;
+    let film = FilmWriter::new(task.store);
     for position in (0..lost.len()).filter(|position| lost[*position]) {
         let nm = job.plans[position].lens.wavelength_nm;
         log_line(format!(
@@ -325,9 +326,9 @@ fn restore_layers(task: &Task<'_>, job: &Job) -> Result<()> {
             job.film_bands[position],
             number(nm)
         ));
-        layers(job, task.store, position).map_err(anyhow::Error::from_boxed)?;
+        layers(job, &film, position).map_err(anyhow::Error::from_boxed)?;
     }
-    Ok(())
+    Ok(film.finish()?)
 }
 
 /// Computes and writes the shards `missing`, per position of the job.
@@ -354,7 +355,8 @@ fn execute(task: &Task<'_>, job: &Job, count: &ShardCount, missing: Vec<BTreeSet
     let monitor = Monitor::new(display(task, job, &tiles), startup_s, task.args.keep_going);
     fault_point("tiles-begin");
     let energy = Mutex::new(vec![None; job.plans.len()]);
-    let prepare = |position: usize| prepare(job, store, position, &energy);
+    let film = FilmWriter::new(store);
+    let prepare = |position: usize| prepare(job, &film, position, &energy);
     let sheets = job.depth.as_ref().map_or_else(Vec::new, Depth::sheets);
     let counts = SharedCounts::default();
     let invented = job.film.has_invented.then(|| InventedLight::new(&job.regions));
@@ -364,11 +366,13 @@ fn execute(task: &Task<'_>, job: &Job, count: &ShardCount, missing: Vec<BTreeSet
         counts: Some(&counts),
     });
     let (film_bands, light) = (&*job.film_bands, Mutex::default());
-    let sink = FilmStoreSink { store, film_bands, invented: invented.as_ref(), light };
+    let sink = FilmStoreSink { film: &film, film_bands, invented: invented.as_ref(), light };
     let result = run(&work, job.chart.source(), &sink, &compute, &monitor);
+    // Also after an interruption or an error: the shards made so far.
+    let committed = film.finish();
     monitor.display.finish();
     fault_point("shards-made");
-    let outcome = monitor.outcome(job, store, count.missing as u64, result);
+    let outcome = monitor.outcome(job, store, count.missing as u64, result, committed);
     let outcome = check_film_in_place(store, outcome).and_then(|summary| check_inputs(job, summary));
     let energy = energy.into_inner().expect("no panic while held");
     record::write(job, store, task.units, &monitor, &outcome, &energy);

@@ -4,7 +4,7 @@ use crate::job::Job;
 use crate::job::layers::{JobLayer, LayerInputs, remaining};
 use crate::progress::interrupt;
 use formats::durable::fault_point;
-use formats::film::FilmStore;
+use formats::film::{FilmStore, FilmWriter};
 use formats::group::GroupError;
 use formats::lens::LensPackError;
 use pipeline::band::BandStages;
@@ -65,12 +65,13 @@ pub fn with_psf(job: &Job, position: usize, psf: Option<Arc<BandPsf>>) -> BandSt
     job.plans[position].stages_with_psf(&job.frame, &job.options, gain, psf)
 }
 
-/// The layers of the band at `position`, in the order in which they are added: each is read from the film, or computed and committed. Of processes that need
+/// The layers of the band at `position`, in the order in which they are added: each is read from the film, or computed and written to `film`. Of processes that need
 /// one at once each computes the same bytes.
 ///
 /// # Errors
 /// A stored layer is damaged; the chart cannot be read; the film cannot be written.
-pub fn layers(job: &Job, store: &FilmStore, position: usize) -> Result<Vec<Layer>, SourceSinkError> {
+pub fn layers(job: &Job, film: &FilmWriter<'_>, position: usize) -> Result<Vec<Layer>, SourceSinkError> {
+    let store = film.store();
     let band = job.film_bands[position];
     let seen = job.depth.as_ref().filter(|depth| !depth.is_opaque());
     let seen = seen.map(|depth| SeenChart::new(job.chart.source(), depth.sheets()));
@@ -83,7 +84,7 @@ pub fn layers(job: &Job, store: &FilmStore, position: usize) -> Result<Vec<Layer
             None => {
                 let made = source.coefficients(&inputs)?;
                 fault_point("layer-made");
-                store.commit_layer(index, band, &made)?;
+                film.commit_beside(&store.encode_layer(index, band, &made))?;
                 fault_point("layer-committed");
                 made
             }
@@ -149,10 +150,10 @@ pub fn without_layers(job: &Job, store: Option<&FilmStore>) -> Result<Vec<bool>,
     }
 }
 
-/// Constructs the stages of a band, with its layers, which are stored in `store`; `energy` receives the share of the light inside its PSF windows, the mean over heights.
+/// Constructs the stages of a band, with its layers, which are stored in `film`; `energy` receives the share of the light inside its PSF windows, the mean over heights.
 pub fn prepare(
     job: &Job,
-    store: &FilmStore,
+    film: &FilmWriter<'_>,
     position: usize,
     energy: &Mutex<Vec<Option<f64>>>,
 ) -> Result<BandStages, SourceSinkError> {
@@ -160,7 +161,7 @@ pub fn prepare(
     // The PSFs of a band are made by one thread, its layers by several.
     let (stages, layers) = match job.layers.is_empty() {
         true => (stages(job, position), Ok(Vec::new())),
-        false => at_once(|| stages(job, position), || layers(job, store, position)),
+        false => at_once(|| stages(job, position), || layers(job, film, position)),
     };
     let stages = BandStages { layers: layers?, ..stages? };
     if let Some(psf) = &stages.psf {

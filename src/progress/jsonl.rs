@@ -4,7 +4,7 @@
 //! trace     bands, bands_total: bands of the lens that have been traced or found in the cache, before `start`; not for a lens pack
 //! start     film, device, threads, pid, host, shards, shards_done, tiles, pixels, startup_s
 //! progress  band, tiles, tiles_total, pixels, pixels_total, shards, shards_total, bytes_written, mpx_per_s, eta_s; at most one per second
-//! shard     key, band, bytes
+//! shard     key, band, bytes: written; in a film of less than 64 MB present after its batch, before `done` at the latest
 //! done      code 0, shards, tiles, pixels, bytes_read, bytes_written, peak_resident_bytes, wall_s     the last line of a complete run
 //! error     code, retry, message                                                                     the last line of any other
 //! ```

@@ -69,6 +69,56 @@ fn torn_and_short_writes_are_not_accepted_as_complete() {
     assert!(writes > 16, "{writes} writes");
 }
 
+/// Shards of the array `film`, without temporary files.
+fn film_shards(job: &TestJob) -> Vec<std::path::PathBuf> {
+    let is_shard = |p: &std::path::PathBuf| p.starts_with("film/c") && !text(p).contains(".tmp-");
+    shards(&job.film).into_iter().filter(is_shard).collect()
+}
+
+#[test]
+fn film_whose_batch_is_cut_off_is_incomplete_until_it_is_resumed() {
+    let job = TestJob::small().with_tails();
+    let expected = job.expected_files();
+    // Nine renames create the film; two layers and eight shards follow.
+    let renames = (10..=19).map(|n| format!("rename:{n}"));
+    let points = ["batch-staged:1", "batch-flushed:1"].map(str::to_owned).into_iter().chain(renames);
+    for (n, point) in points.enumerate() {
+        assert_eq!(job.run(&format!("{point}:kill"), &[]).code, KILLED, "{point}");
+        let made = film_shards(&job);
+        assert!(made.len() <= n.saturating_sub(4), "{point}: {made:?}");
+        for band in ["0", "1"] {
+            let is_begun = made.iter().any(|p| p.starts_with(Path::new("film/c").join(band)));
+            let layer = job.film.join("veil_tail/c").join(band).join("0/0");
+            assert!(!is_begun || layer.is_file(), "{point}: {made:?}");
+        }
+        let status = crate::common::lenscube(&["status", text(&job.film), "--check"]);
+        assert_eq!(status.code, 4, "{point}: {}", status.stdout);
+        job.run("", &[]).ok();
+        assert!(files(&job.film) == expected, "other bytes after {point}");
+        assert_eq!(job.leftover_files(), Vec::<std::path::PathBuf>::new(), "{point}");
+        fs::remove_dir_all(&job.film).unwrap();
+    }
+}
+
+#[test]
+fn batch_that_cannot_be_flushed_exits_75_and_the_same_command_completes() {
+    let job = TestJob::small();
+    let expected = job.expected_files();
+    // Eight flushes create the film; the next ones are those of its shards.
+    for (step, made) in [("sync:9:28", 0), ("sync:16:5", 0), ("rename:12:28", 3)] {
+        let ran = job.run(step, &[]);
+        assert_eq!(ran.code, RETRY, "{step}: {}", ran.stderr);
+        for word in ["writing the last shards", "is incomplete", "the same command resumes it"] {
+            assert!(ran.stderr.contains(word), "{step}, {word}: {}", ran.stderr);
+        }
+        assert_eq!(film_shards(&job).len(), made, "{step}");
+        assert!(!files(&job.film).keys().any(|p| text(p).contains(".tmp-")), "{step}");
+        job.run("", &[]).ok();
+        assert!(files(&job.film) == expected, "other bytes after {step}");
+        fs::remove_dir_all(&job.film).unwrap();
+    }
+}
+
 /// Damages the last inner chunk of the chart's band 1 (rows and columns from 512); path and original bytes of the file.
 fn damage_last_chunk(job: &TestJob) -> (std::path::PathBuf, Vec<u8>) {
     let chunk = job.chart.join("chart/c/1/0/0");

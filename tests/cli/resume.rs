@@ -26,7 +26,8 @@ fn records(film: &Path) -> Vec<Value> {
 fn second_run_of_a_film_exits_75_while_the_first_runs() {
     let job = TestJob::large();
     let expected = job.expected_files();
-    let mut first = job.stopped("write:14", &[]);
+    // Eight renames create the film; it is stopped among those of its shards.
+    let mut first = job.stopped("rename:14", &[]);
     let pid = first.0.id().to_string();
     for flags in [&[][..], &["--take-over"], &["--overwrite"]] {
         assert_exit(&job.run("", flags), RETRY, &["locked by process", &pid, "wait for it"]);

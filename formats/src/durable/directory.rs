@@ -14,7 +14,10 @@ use super::step::FileStep;
 use super::temp::is_temp_name;
 use super::{fault, handle};
 
+mod batch;
 mod write;
+
+pub use batch::Batch;
 
 #[cfg(test)]
 type Hook = dyn Fn(FileStep, &Path) -> std::io::Result<()> + Send + Sync;

@@ -12,7 +12,8 @@
 //! STEP may also be a named point of the program ([`point`]), at which `stop` suspends the process until SIGCONT, `kill` ends it, and
 //! `interrupt` and `terminate` are as above.
 //! `any` does not include them. Points: `film-opened`, `job-ready` (chart opened, lens traced), `locked`, `tiles-begin`, `commit`
-//! (before the film's identity is checked), `commit-checked` (after that, before the write), `film-removed` (`--overwrite`,
+//! (before the film's identity is checked), `commit-checked` (after that, before the write), `batch-staged` (before the files of a batch
+//! are flushed), `batch-flushed` (before they have their names), `film-removed` (`--overwrite`,
 //! before the new film is created), `layer-made` and `layer-committed` (a layer of light of a band), `shards-made` (before the end of the run is reported), `verified`, `shard-aside`
 //! (`verify --repair`); `export-reads` (each part of the chart); of `sensor`: `raw-removed` (`--overwrite`), `shards-begin`,
 //! `file-begins` (the raw is complete, its DNG, TIFF or PNG is not).

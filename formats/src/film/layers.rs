@@ -14,6 +14,7 @@ use pipeline::geometry::Size;
 use pipeline::layer::BinGrid;
 use serde_json::{Map, Value, json};
 
+use super::shards::EncodedShard;
 use super::spec::FilmSpec;
 use super::store::FilmStore;
 use crate::group::{Finding, GroupError};
@@ -192,14 +193,11 @@ impl FilmStore {
         Ok(self.group.store.sizes_of(&keys)?.iter().flatten().count())
     }
 
-    /// Stores the coefficients of layer `layer` in `band`, durably and atomically; returns the bytes written.
-    ///
-    /// # Errors
-    /// As [`FilmStore::commit`].
+    /// Encodes the coefficients of layer `layer` in `band`.
     ///
     /// # Panics
     /// Another number of coefficients than the band has bins.
-    pub fn commit_layer(&self, layer: usize, band: usize, coefficients: &[f32]) -> Result<u64, GroupError> {
+    pub fn encode_layer(&self, layer: usize, band: usize, coefficients: &[f32]) -> EncodedShard {
         let (size, chunk) = (self.spec.layer_grid(layer, band).size(), self.spec.layer_chunk(layer));
         assert_eq!(coefficients.len(), size.pixels(), "one coefficient per bin");
         let mut bytes = Vec::with_capacity(self.layer_bytes(layer));
@@ -208,10 +206,7 @@ impl FilmStore {
             let beyond = std::iter::repeat_n(&f32::NAN, chunk.width - row.len());
             row.iter().chain(beyond).for_each(|value| bytes.extend(value.to_le_bytes()));
         }
-        let bytes = with_crc(bytes);
-        let written = bytes.len() as u64;
-        self.group.commit(&self.spec.layer_key(layer, band), bytes.into())?;
-        Ok(written)
+        EncodedShard { key: self.spec.layer_key(layer, band), bytes: with_crc(bytes).into() }
     }
 
     /// The coefficients of layer `layer` in `band` and the bytes read; or why there are none.

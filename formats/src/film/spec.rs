@@ -100,6 +100,12 @@ impl FilmSpec {
         format!("{}/c/{band}/{row}/{column}", self.outputs[output].name)
     }
 
+    /// Bytes of the pixels of all outputs, not compressed.
+    pub(super) fn bytes(&self) -> u64 {
+        let pixels: usize = self.outputs.iter().map(|o| o.rect.size().pixels()).sum();
+        (pixels * self.wavelengths_nm.len() * self.sample.bytes()) as u64
+    }
+
     /// Checks that every number is within [`bounds`] and every output inside the film.
     ///
     /// # Errors

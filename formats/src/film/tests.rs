@@ -4,6 +4,7 @@ mod layers;
 mod pyramid;
 mod replaced;
 mod url;
+mod writer;
 
 use std::io::{Error, ErrorKind};
 use std::path::Path;

@@ -73,23 +73,32 @@ impl<'a> Monitor<'a> {
         }
     }
 
-    /// The result of the run, with messages for the user: which of the `missing` shards were not computed, and why.
+    /// The result of the run, with messages for the user: which of the `missing` shards were not computed, and why. `committed`: whether
+    /// the last batch of them was committed.
     pub fn outcome(
         &self,
         job: &Job,
         store: &FilmStore,
         missing: u64,
         result: Result<Summary, RunError>,
+        committed: Result<(), GroupError>,
     ) -> Result<Summary, Box<RunFailure>> {
         let incomplete = format!(
             "the film {} is incomplete: once the cause is removed, the same command resumes it",
             store.path().display()
         );
         let left_out = self.left_out.lock().expect("no panic while held");
-        let summary = match result {
-            Ok(summary) if left_out.is_empty() => return Ok(summary),
-            Ok(summary) => summary,
-            Err(error) => {
+        let failed = |error: anyhow::Error, other: &str| {
+            let text = format!("{}; {incomplete}{other}", failure::text(&error));
+            Err(Box::new(RunFailure { error: error.context(text), summary: None }))
+        };
+        let summary = match (result, committed) {
+            (Ok(summary), Ok(())) if left_out.is_empty() => return Ok(summary),
+            (Ok(summary), Ok(())) => summary,
+            (Ok(_), Err(error)) => {
+                return failed(anyhow::Error::from(error).context("writing the last shards"), "");
+            }
+            (Err(error), _) => {
                 let shards = shards_of(&error);
                 let place = match error {
                     RunError::Device { .. } => None,
@@ -107,9 +116,7 @@ impl<'a> Monitor<'a> {
                 } else {
                     ""
                 };
-                let text = format!("{}; {incomplete}{other}", failure::text(&error));
-                let error = error.context(text);
-                return Err(Box::new(RunFailure { error, summary: None }));
+                return failed(error, other);
             }
         };
         for ((position, reason), what) in left_out.iter() {

@@ -1,6 +1,6 @@
 //! The film store as the pipeline's sink.
 
-use formats::film::{EncodedShard, FilmStore};
+use formats::film::{EncodedShard, FilmStore, FilmWriter};
 use pipeline::buffer::ShardPixels;
 use pipeline::depth::invented::InventedLight;
 use pipeline::flow::{FilmSink, SourceSinkError};
@@ -11,7 +11,7 @@ use std::sync::Mutex;
 /// Encodes and writes shards of a film.
 pub struct FilmStoreSink<'a> {
     /// The film.
-    pub store: &'a FilmStore,
+    pub film: &'a FilmWriter<'a>,
     /// Band of the film per position of the job.
     pub film_bands: &'a [usize],
     /// Invented light of its tiles, if its shares are stored.
@@ -36,20 +36,20 @@ impl FilmSink for FilmStoreSink<'_> {
             let of_shard = light.of_shard(id, pixels);
             let mut sum = self.light.lock().expect("no panic while held");
             *sum = (sum.0 + of_shard.light, sum.1 + of_shard.invented);
-            self.store.encode_invented(id.region, band, shard, size, &of_shard.shares)
+            self.film.store().encode_invented(id.region, band, shard, size, &of_shard.shares)
         });
-        let shard = self.store.encode_shard_rows(id.region, band, shard, size, &|y| pixels.row(y))?;
+        let shard = self.film.store().encode_shard_rows(id.region, band, shard, size, &|y| pixels.row(y))?;
         Ok(EncodedFilm { shard, invented })
     }
 
     fn commit(&self, encoded: EncodedFilm) -> Result<u64, SourceSinkError> {
         // First the shares: a shard that exists has them.
-        encoded.invented.iter().try_for_each(|shares| self.store.commit(shares))?;
-        self.store.commit(&encoded.shard)?;
+        encoded.invented.iter().try_for_each(|shares| self.film.commit_beside(shares))?;
+        self.film.commit(&encoded.shard)?;
         Ok(encoded.shard.bytes().len() as u64)
     }
 
     fn writers(&self) -> usize {
-        FilmStore::concurrent_writes(self.store.path())
+        FilmStore::concurrent_writes(self.film.store().path())
     }
 }

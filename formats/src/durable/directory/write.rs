@@ -1,7 +1,8 @@
 //! Writes, renames and removals of the files of a [`Directory`].
 
+use std::fs::File;
 use std::io::Write;
-use std::path::Path;
+use std::path::{Path, PathBuf};
 
 use super::super::direct;
 use super::super::error::{DurableError, is_not_found};
@@ -17,30 +18,42 @@ impl Directory {
     /// [`DurableError`]; the file is then unchanged, and the temporary file removed.
     pub fn write(&self, key: &str, bytes: &[u8]) -> Result<(), DurableError> {
         let path = self.path(key)?;
-        let directory = path.parent().unwrap_or(&self.root).to_path_buf();
-        self.create_directories(&directory)?;
-        let temp = directory.join(temp_name());
-        let (base, from) = self.resolve(&temp);
-        let rename = |p: &Path| handle::rename(base, &from, &self.resolve(p).1);
-        self.write_temp(&temp, bytes)
-            .and_then(|()| self.step(FileStep::Rename, &path, rename, bytes.len() as u64))
-            .inspect_err(|_| {
-                // The first error is the one to report; a remaining temporary file is swept later.
-                let _ = handle::remove_file(base, &from);
-            })?;
-        self.sync_directory(&directory)
+        let (file, temp) = self.write_beside(&path, bytes, self.fsync)?;
+        let size = bytes.len() as u64;
+        self.sync_file(&file, &temp, size)
+            .and_then(|()| self.rename_file(&temp, &path, size))
+            .inspect_err(|_| self.remove_temp(&temp))?;
+        self.sync_directory(path.parent().unwrap_or(&self.root))
     }
 
-    fn create_directories(&self, path: &Path) -> Result<(), DurableError> {
+    /// Writes `bytes` under a temporary name in the directory of `path`, which is created if it is missing; with `flush_directories`
+    /// each new directory is flushed in its parent. The file and its temporary path.
+    ///
+    /// # Errors
+    /// [`DurableError`]; the temporary file is removed then.
+    pub(super) fn write_beside(
+        &self,
+        path: &Path,
+        bytes: &[u8],
+        flush_directories: bool,
+    ) -> Result<(File, PathBuf), DurableError> {
+        let directory = path.parent().unwrap_or(&self.root);
+        self.create_directories(directory, flush_directories)?;
+        let temp = directory.join(temp_name());
+        let file = self.write_temp(&temp, bytes).inspect_err(|_| self.remove_temp(&temp))?;
+        Ok((file, temp))
+    }
+
+    fn create_directories(&self, path: &Path, fsync: bool) -> Result<(), DurableError> {
         let (base, relative) = match &self.handle {
             Some(_) => self.resolve(path),
-            None => return file_system::create_directories(path, self.fsync),
+            None => return file_system::create_directories(path, fsync),
         };
-        handle::create_directories(base, &relative, self.fsync)
+        handle::create_directories(base, &relative, fsync)
             .map_err(|e| DurableError::io("create directory", path, 0, e))
     }
 
-    fn write_temp(&self, temp: &Path, bytes: &[u8]) -> Result<(), DurableError> {
+    fn write_temp(&self, temp: &Path, bytes: &[u8]) -> Result<File, DurableError> {
         let size = bytes.len() as u64;
         let (base, relative) = self.resolve(temp);
         let mut file = self.step(FileStep::Create, temp, |_| handle::create_new(base, &relative), size)?;
@@ -53,13 +66,31 @@ impl Directory {
         if found != size {
             return Err(DurableError::Length { path: temp.into(), expected: size, found });
         }
-        if self.fsync {
-            self.step(FileStep::Sync, temp, |_| file.sync_all(), size)?;
-        }
-        Ok(())
+        Ok(file)
     }
 
-    fn sync_directory(&self, directory: &Path) -> Result<(), DurableError> {
+    /// Flushes the file `temp` of `size` bytes, if writes are flushed.
+    pub(super) fn sync_file(&self, file: &File, temp: &Path, size: u64) -> Result<(), DurableError> {
+        match self.fsync {
+            true => self.step(FileStep::Sync, temp, |_| file.sync_all(), size),
+            false => Ok(()),
+        }
+    }
+
+    /// Renames `temp`, of `size` bytes, to `path`.
+    pub(super) fn rename_file(&self, temp: &Path, path: &Path, size: u64) -> Result<(), DurableError> {
+        let (base, from) = self.resolve(temp);
+        self.step(FileStep::Rename, path, |p| handle::rename(base, &from, &self.resolve(p).1), size)
+    }
+
+    /// Removes a temporary file after an error, which is the one to report; a file that remains is swept later.
+    pub(super) fn remove_temp(&self, temp: &Path) {
+        let (base, relative) = self.resolve(temp);
+        let _ = handle::remove_file(base, &relative);
+    }
+
+    /// Flushes the entries of `directory`, if writes are flushed.
+    pub(super) fn sync_directory(&self, directory: &Path) -> Result<(), DurableError> {
         if self.fsync {
             let (base, relative) = self.resolve(directory);
             self.step(FileStep::SyncDirectory, directory, |_| handle::sync_directory(base, &relative), 0)?;

@@ -28,7 +28,7 @@ fn film_at(path: &Path) -> FilmStore {
     let film = FilmStore::create(path, spec_with_layers(), provenance(), false).unwrap();
     for (layer, band) in CHUNKS {
         assert_eq!(film.read_layer(layer, band).unwrap(), None);
-        film.commit_layer(layer, band, &coefficients(&film, layer, band)).unwrap();
+        film.commit(&film.encode_layer(layer, band, &coefficients(&film, layer, band))).unwrap();
     }
     fill(&film);
     film
@@ -112,7 +112,7 @@ fn chunk_with_a_value_that_is_not_finite_is_bad() {
     let film = film_at(&path);
     let mut values = coefficients(&film, 0, 1);
     values[7] = f32::INFINITY;
-    film.commit_layer(0, 1, &values).unwrap();
+    film.commit(&film.encode_layer(0, 1, &values)).unwrap();
     let found = film.verify(1, &|_, _| ()).unwrap().findings;
     assert!(format!("{found:?}").contains("inf at bin row 0, column 7"), "{found:?}");
 }
