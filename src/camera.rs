@@ -1,7 +1,7 @@
 //! Raws of a sensor: frames and their development.
 
 pub mod frame;
-pub mod noise;
+mod noise;
 pub mod recipe;
 pub mod shading;
 

@@ -1,6 +1,6 @@
 //! One frame of a raw: its pixels, its sensor, and what its film records.
 
-use super::noise::{dark_variance_e2, sigma_e};
+use super::noise::RawNoise;
 use crate::failure::usage;
 use anyhow::{Result, bail};
 use formats::chart::{ChartOptions, ChartStore};
@@ -150,7 +150,7 @@ impl Frame {
             black_dn: sensor.adc.black_dn,
             dn_per_e: self.gain * sensor.adc.gain_dn_per_e,
             limit_e: sensor.saturation_e(self.gain).min(pixel.overflow.knee * pixel.full_well_e),
-            dark_variance_e2: dark_variance_e2(&self),
+            dark_variance_e2: self.noise().dark_variance_e2(sensor, self.gain),
         };
         Ok(Self { bracket: Some((bracket, order)), ..self })
     }
@@ -195,8 +195,18 @@ impl Frame {
         let period = (pattern.rows, pattern.columns);
         let read = defects::needs(rect, period, self.rect.size().rect());
         let dn_per_e = self.gain * adc.gain_dn_per_e;
-        let sigma_dn = |dn: f64| dn_per_e * sigma_e(self, (dn - adc.black_dn) / dn_per_e);
+        let sigma_e = self.noise().sigma_e(&self.sensor, self.gain, self.spec.exposure_s[frame]);
+        let sigma_dn = |dn: f64| dn_per_e * sigma_e((dn - adc.black_dn) / dn_per_e);
         Ok(defects::corrected(&numbers(read)?, (rect, read), period, sigma_dn))
+    }
+
+    fn noise(&self) -> RawNoise {
+        RawNoise::recorded(&self.attributes)
+    }
+
+    /// Standard deviation of a pixel of some mean charge over frames and dies, e-.
+    pub fn sigma_e(&self, mean_e: f64) -> f64 {
+        self.noise().sigma_e(&self.sensor, self.gain, self.exposure_s())(mean_e)
     }
 
     /// Digital numbers of no light and of saturation.

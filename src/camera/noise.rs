@@ -1,24 +1,33 @@
-//! The noise of a frame's pixels, of the noises that its raw was made with.
+//! The noise of a raw's pixels: that of its sensor, of the noises that it was made with.
 
-use super::frame::Frame;
-use pipeline::sensor::NoiseSet;
+use pipeline::sensor::{NoiseSet, Sensor};
+use serde_json::{Map, Value};
 
-/// Noises that are on, and the temperature (°C) of the sensor, if it is not the reference's.
-fn settings(frame: &Frame) -> (NoiseSet, Option<f64>) {
-    let job = frame.attributes.get("provenance").map(|p| &p["job"]);
-    let noise = job.and_then(|j| j["noise"].as_str()).and_then(|n| n.parse().ok()).unwrap_or(NoiseSet::ALL);
-    (noise, job.and_then(|j| j["temperature_c"].as_f64()))
+/// What a raw's noise was made with.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct RawNoise {
+    on: NoiseSet,
+    /// °C; the reference's if none.
+    temperature_c: Option<f64>,
 }
 
-/// Standard deviation of a pixel of some mean charge over frames and dies, e-: of the noises that are on, rounding included.
-pub fn sigma_e(frame: &Frame, mean_e: f64) -> f64 {
-    let (s, (noise, temperature_c)) = (&frame.sensor, settings(frame));
-    let dark_e = noise.on(NoiseSet::DARK, s.dark_current_e_per_s(temperature_c) * frame.exposure_s());
-    // The mean contains the dark charge.
-    s.noise_variance(noise, frame.gain, mean_e.max(0.0), dark_e).total_e2().sqrt()
-}
+impl RawNoise {
+    /// As the attributes of a raw record it; all noises, if they do not.
+    pub fn recorded(attributes: &Map<String, Value>) -> Self {
+        let job = attributes.get("provenance").map(|p| &p["job"]);
+        let on = job.and_then(|j| j["noise"].as_str()).and_then(|n| n.parse().ok());
+        let temperature_c = job.and_then(|j| j["temperature_c"].as_f64());
+        Self { on: on.unwrap_or(NoiseSet::ALL), temperature_c }
+    }
 
-/// Variance of a dark pixel over frames at no exposure, e-².
-pub fn dark_variance_e2(frame: &Frame) -> f64 {
-    frame.sensor.noise_variance(settings(frame).0, frame.gain, 0.0, 0.0).temporal_e2()
+    /// Standard deviation of a pixel over frames and dies, e-, by its mean charge, of which dark charge is a part: of the noises that are on, rounding included, for an exposure of `seconds`.
+    pub fn sigma_e(self, sensor: &Sensor, gain: f64, seconds: f64) -> impl Fn(f64) -> f64 {
+        let dark_e = self.on.on(NoiseSet::DARK, sensor.dark_current_e_per_s(self.temperature_c) * seconds);
+        move |mean_e| sensor.noise_variance(self.on, gain, mean_e.max(0.0), dark_e).total_e2().sqrt()
+    }
+
+    /// Variance of a dark pixel over frames at no exposure, e-².
+    pub fn dark_variance_e2(self, sensor: &Sensor, gain: f64) -> f64 {
+        sensor.noise_variance(self.on, gain, 0.0, 0.0).temporal_e2()
+    }
 }

@@ -18,7 +18,7 @@ pub struct SpreadRows {
     of: Corrections,
 }
 
-/// What is kept of the planes of a pass: rows of the window that is read.
+/// What is kept of the planes of a pass, the corrections last: rows of the window that is read.
 struct Kept {
     first: usize,
     planes: Vec<Vec<f32>>,
@@ -52,25 +52,18 @@ impl SpreadRows {
         self.of.terms.iter().map(|term| weights.times(&term.factors)).collect()
     }
 
-    /// The signal of the row `row` of the sensor, columns `columns`, of the planes `kept` of the window `read`; `loss` is scratch.
-    fn row(
-        &self,
-        row: usize,
-        columns: Range<usize>,
-        read: Rect,
-        kept: &Kept,
-        planes: &Planes,
-        out: &mut [f32],
-    ) {
+    /// The signal of the row `row` of the sensor, columns `columns`, of the planes `kept` of the window `read`.
+    fn row(&self, row: usize, columns: Range<usize>, read: Rect, kept: &Kept, out: &mut [f32]) {
         let (r, side, width) = (self.of.radius, 2 * self.of.radius + 1, read.width);
         let line = |plane: usize, y: usize| {
             let at = y - read.y as usize - kept.first;
             &kept.planes[plane][at * width..][..width]
         };
         let first = columns.start - read.x as usize;
+        let first_term = kept.planes.len() - self.of.terms.len();
         let mut sum = vec![0.0f32; columns.len()];
         for (m, term) in self.of.terms.iter().enumerate() {
-            let plane = planes.first_term + m;
+            let plane = first_term + m;
             // Gains from the pixels at −d.
             for dy in (0..side).filter(|dy| (row + r).checked_sub(*dy).is_some_and(|y| y < self.size.height))
             {
@@ -90,7 +83,7 @@ impl SpreadRows {
                 *to -= lost * v;
             }
         }
-        let signal = &line(planes.signal, row)[first..][..columns.len()];
+        let signal = &line(0, row)[first..][..columns.len()];
         std::iter::zip(out, std::iter::zip(signal, &sum)).for_each(|(out, (v, change))| *out = v + change);
     }
 
@@ -147,12 +140,6 @@ fn weigh<const N: usize>(kernel: &[f32], from: &[f32], to: &mut [f32]) {
     }
 }
 
-/// Where the planes of a pass are.
-struct Planes {
-    signal: usize,
-    first_term: usize,
-}
-
 /// Runs `pass`, whose window is [`SpreadRows::reach`] of `window` and whose last planes are [`SpreadRows::planes`] of its first one, and delivers the rows `wanted` of `window` with crosstalk: the first plane corrected, the others but the corrections as they are.
 /// Returns whether it was not cancelled.
 ///
@@ -168,7 +155,7 @@ pub fn run(
     let read = pass.window;
     let columns = window.x as usize..window.right() as usize;
     let first_row = window.y as usize;
-    let at_planes = Planes { signal: 0, first_term: pass.planes.len() - spread.of.terms.len() };
+    let delivered = pass.planes.len() - spread.of.terms.len();
     // Rows of the sensor, then of the window that is read.
     let (begin, end) = (first_row + wanted.start, first_row + wanted.end);
     let last_needed = |row: usize| (row + spread.of.radius + 1).min(read.bottom() as usize);
@@ -184,13 +171,13 @@ pub fn run(
         if ready == done {
             return Ok(());
         }
-        let mut out: Vec<Vec<f32>> = vec![vec![0.0; (ready - done) * columns.len()]; at_planes.first_term];
+        let mut out: Vec<Vec<f32>> = vec![vec![0.0; (ready - done) * columns.len()]; delivered];
         let made: Result<(), Infallible> = for_each_part(
             pass.threads,
             out[0].chunks_mut(columns.len()).enumerate(),
             || (),
             |(), (k, line)| {
-                spread.row(done + k, columns.clone(), read, &kept, &at_planes, line);
+                spread.row(done + k, columns.clone(), read, &kept, line);
                 Ok(())
             },
         );

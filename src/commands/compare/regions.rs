@@ -2,7 +2,6 @@
 
 use super::Pair;
 use crate::camera::frame::Frame;
-use crate::camera::noise::sigma_e;
 use anyhow::Result;
 use formats::parallel;
 use formats::picture::image::Image;
@@ -216,7 +215,7 @@ impl Work<'_> {
                 height_mm: height_mm(frame, rect),
                 mean_e,
                 difference_e: (mean, (sum.d2 / n - mean * mean).max(0.0).sqrt()),
-                sigma_e: [0, 1].map(|f| sigma_e(&self.pair.frames[f], mean_e[f])),
+                sigma_e: [0, 1].map(|f| self.pair.frames[f].sigma_e(mean_e[f])),
             });
         }
         regions

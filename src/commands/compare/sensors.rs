@@ -11,7 +11,6 @@ use super::regions::electrons;
 use super::report::{NAMES, page, table};
 use crate::args::CompareArgs;
 use crate::camera::frame::Frame;
-use crate::camera::noise::sigma_e;
 use crate::failure::usage;
 use crate::machine::threads;
 use crate::progress::print;
@@ -197,7 +196,7 @@ fn measure(frames: &[Frame; 2], common: [(f64, f64); 2], grid: usize, threads: u
                 middle_mm: (middle(0, i), middle(1, j)),
                 pixels,
                 mean_e,
-                sigma_e: sigma_e(frame, mean_e),
+                sigma_e: frame.sigma_e(mean_e),
                 of_area: (AREA_UM2 * share).sqrt() / frame.spec.pitch_um,
             }
         });

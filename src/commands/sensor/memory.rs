@@ -15,7 +15,7 @@ const WORKER: usize = 6 << 20;
 /// Maximum default limit.
 pub const DEFAULT: u64 = 1 << 30;
 /// Of each row of a column along which charge flows: a strip of the signal and the flows of a part of it.
-const STRIP_BYTES: usize = 4 * STRIP + 64 * 8 * 6;
+const STRIP_BYTES: usize = 4 * STRIP + 64 * 8 * 8;
 /// Columns of the signal that are read at a time for that.
 pub const STRIP: usize = 512;
 /// Minimum rows of a block of the film.

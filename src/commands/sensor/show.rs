@@ -69,7 +69,9 @@ fn figures(file: &SensorFile, s: &Sensor) -> Vec<String> {
             s.saturation_e(1.0),
             s.white_dn(1.0)
         ),
-        overflow(s),
+    ];
+    lines.extend(overflow(s));
+    lines.extend([
         format!("  converter         {} bits, {} DN/e-, black {} DN", a.bits, a.gain_dn_per_e, a.black_dn),
         format!("  dark              {} (RMS)", noises(s, Over::Frames)),
         format!(
@@ -77,10 +79,9 @@ fn figures(file: &SensorFile, s: &Sensor) -> Vec<String> {
             p.dark_current_e_per_s, p.dark_reference_c, p.dark_doubling_k
         ),
         format!("  fixed patterns    {}", noises(s, Over::Die)),
-        defects(s),
         format!("  dynamic range     {:.1} dB", 20.0 * s.dynamic_range().log10()),
-    ];
-    lines.retain(|line| !line.is_empty());
+    ]);
+    lines.extend(defects(s));
     lines.extend(angles(s));
     lines.extend(crosstalk(s));
     for (c, channel) in s.channels.iter().enumerate() {
@@ -146,8 +147,8 @@ fn angles(s: &Sensor) -> Vec<String> {
     lines
 }
 
-/// Defects and rows; empty without.
-fn defects(s: &Sensor) -> String {
+/// Defects, and rows that start one after another.
+fn defects(s: &Sensor) -> Option<String> {
     let d = s.defects;
     let mut parts = Vec::new();
     if d.hot_pixels > 0.0 {
@@ -164,11 +165,11 @@ fn defects(s: &Sensor) -> String {
     if s.row_time_s > 0.0 {
         parts.push(format!("a row starts every {} µs", number(1e6 * s.row_time_s)));
     }
-    if parts.is_empty() { String::new() } else { format!("  defects, rows     {}", parts.join("; ")) }
+    (!parts.is_empty()).then(|| format!("  defects, rows     {}", parts.join("; ")))
 }
 
-/// How pixels fill and overflow; empty where the full well is a limit.
-fn overflow(s: &Sensor) -> String {
+/// How pixels fill and overflow, where the full well is more than a limit.
+fn overflow(s: &Sensor) -> Option<String> {
     let of = s.pixel.overflow;
     let mut parts = Vec::new();
     if of.knee < 1.0 {
@@ -177,7 +178,7 @@ fn overflow(s: &Sensor) -> String {
     if of.flows() {
         parts.push(format!("{} % of what is above it flows along the column", number(100.0 * of.blooming)));
     }
-    if parts.is_empty() { String::new() } else { format!("  overflow          {}", parts.join("; ")) }
+    (!parts.is_empty()).then(|| format!("  overflow          {}", parts.join("; ")))
 }
 
 /// What pixels collect of the light of others.
