@@ -131,12 +131,8 @@ impl Taps {
 /// Adds to each of `to` the `N` numbers of `from` from the same place on, weighed by `kernel`.
 fn weigh<const N: usize>(kernel: &[f32], from: &[f32], to: &mut [f32]) {
     let kernel: [f32; N] = kernel.try_into().expect("a kernel of N columns");
-    for (to, from) in std::iter::zip(to, from.array_windows::<N>()) {
-        let mut sum = 0.0;
-        for k in 0..N {
-            sum += kernel[k] * from[k];
-        }
-        *to += sum;
+    for (to, from) in std::iter::zip(to, from.windows(N)) {
+        *to += std::iter::zip(&kernel, from).fold(0.0, |sum, (k, v)| sum + k * v);
     }
 }
 
