@@ -139,7 +139,7 @@ fn a_bracket_develops_into_one_picture_of_a_wider_range() {
     develop(&out, &merged, &flags).ok();
     let pixels =
         ImageFile::open(&merged).unwrap().linear_part(Transfer::Linear, Rect::new(0, 0, 64, 300)).unwrap();
-    let green = |x: usize| (10..54).map(|y| f64::from(pixels[(y * 300 + x) * 3 + 1])).sum::<f64>() / 44.0;
+    let green = |x: usize| (10..54).map(|y| f64::from(pixels[(64 + y) * 300 + x])).sum::<f64>() / 44.0;
     let scale = green(60) / f64::from(level(60));
     for x in [20, 100, 140, 180, 220, 260, 290] {
         let ratio = green(x) / (scale * f64::from(level(x)));
