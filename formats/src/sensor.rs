@@ -15,7 +15,7 @@ mod text;
 use std::collections::BTreeSet;
 use std::path::{Path, PathBuf};
 
-use pipeline::sensor::{Adc, Channel, Curve, Defects, Overflow, Pattern, Pixel, QuantumEfficiencyOf, Sensor};
+use pipeline::sensor::{Adc, Channel, Curve, Overflow, Pattern, Pixel, QuantumEfficiencyOf, Sensor};
 use serde_json::{Map, Value, json};
 
 pub use builtin::builtin_names;
@@ -183,12 +183,7 @@ impl SensorFile {
                 dark_doubling_k: p.dark_doubling_k,
             },
             noise: self.text.noise,
-            defects: self.text.defects.map_or_else(Defects::default, |d| Defects {
-                hot_pixels: d.hot_pixels,
-                hot_dark_e_per_s: d.hot_dark_e_per_s,
-                telegraph_pixels: d.telegraph_pixels,
-                telegraph_e: d.telegraph_e,
-            }),
+            defects: self.text.defects.unwrap_or_default(),
             row_time_s: self.text.shutter.map_or(0.0, |shutter| shutter.row_time_us * 1e-6),
             adc: Adc {
                 bits: a.bits,

@@ -2,7 +2,7 @@
 
 use std::collections::BTreeMap;
 
-use pipeline::sensor::NoiseFigures;
+use pipeline::sensor::{Defects, NoiseFigures};
 use serde::{Deserialize, Serialize};
 
 /// What marks a description.
@@ -18,7 +18,7 @@ pub(super) struct SensorText {
     #[serde(default)]
     pub noise: NoiseFigures,
     #[serde(skip_serializing_if = "Option::is_none")]
-    pub defects: Option<DefectsText>,
+    pub defects: Option<Defects>,
     #[serde(skip_serializing_if = "Option::is_none")]
     pub shutter: Option<ShutterText>,
     pub adc: AdcText,
@@ -227,16 +227,6 @@ pub(super) struct CrosstalkText {
     pub depletion_um: Option<f64>,
     #[serde(skip_serializing_if = "Option::is_none")]
     pub absorption: Option<String>,
-}
-
-/// Hot pixels and telegraph noise.
-#[derive(Clone, Copy, Debug, Default, Deserialize, Serialize)]
-#[serde(deny_unknown_fields, default)]
-pub(super) struct DefectsText {
-    pub hot_pixels: f64,
-    pub hot_dark_e_per_s: f64,
-    pub telegraph_pixels: f64,
-    pub telegraph_e: f64,
 }
 
 /// When rows are exposed.

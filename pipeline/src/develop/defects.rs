@@ -14,13 +14,9 @@ use crate::geometry::Rect;
 /// Standard deviations that a pixel is beyond its neighbours.
 const SIGMAS: f64 = 4.0;
 
-/// Pixels that a part of an array depends on: one period of the mosaic (rows, columns) around it, within the array.
+/// Pixels that a part of an array depends on: one period of the mosaic (rows, columns) around it, the longer side everywhere, within the array.
 pub fn needs(part: Rect, period: (usize, usize), array: Rect) -> Rect {
-    let (y, x) = (period.0 as i64, period.1 as i64);
-    let low = |v: i64, by: i64, first: i64| (v - by).max(first);
-    let (top, left) = (low(part.y, y, array.y), low(part.x, x, array.x));
-    let (bottom, right) = ((part.bottom() + y).min(array.bottom()), (part.right() + x).min(array.right()));
-    Rect::new(top, left, (bottom - top) as usize, (right - left) as usize)
+    part.grown(period.0.max(period.1)).intersect(array)
 }
 
 /// The pixels `part` without defects, from the digital numbers of [`needs`]; `sigma_dn` is the noise of a digital number.

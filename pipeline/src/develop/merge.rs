@@ -10,7 +10,7 @@
 //! ```
 //!
 //! limit: saturation, or the knee of the full well, above which charge is not that of the light. The share u of a frame follows from shorter frames and falls slowly: a choice by the frame's own noise, or at a step, would bias the mean
-//! (here by less than 10⁻³ where the shorter frame has a noise of 2 %). After M. Granados et al., "Optimal HDR reconstruction with linear digital cameras", CVPR 2010, in one step. Dark charge is part of the rate, as in a single frame.
+//! (here by less than 1.5·10⁻³ where the shorter frame has a noise of 2 %). After M. Granados et al., "Optimal HDR reconstruction with linear digital cameras", CVPR 2010, in one step. Dark charge is part of the rate, as in a single frame.
 
 /// Predicted shares of the limit between which a frame's own share falls; found one above which it is not used.
 const PREDICTED: (f64, f64) = (0.5, 0.95);

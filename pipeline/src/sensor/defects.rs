@@ -11,9 +11,11 @@
 //! pixels, defects included; the noise that developments and comparisons assume is without them.
 
 use super::quantile::ln;
+use serde::{Deserialize, Serialize};
 
 /// Densities and means of defects.
-#[derive(Clone, Copy, Debug, Default, PartialEq)]
+#[derive(Clone, Copy, Debug, Default, PartialEq, Deserialize, Serialize)]
+#[serde(deny_unknown_fields, default)]
 pub struct Defects {
     /// Share of the pixels that are hot.
     pub hot_pixels: f64,

@@ -7,8 +7,8 @@
 //!         = W·(k + (1 − k)·(1 − e^(−(q − kW)/((1 − k)·W))))               above: a straight line that bends towards W without a kink;   k = 1: min(q, W)
 //! ```
 //!
-//! Of the rest, q − held(q), the share s (`blooming`) flows along the column, half of it up and half down; what is left is drained. Flowing charge fills every pixel that it passes up to W and goes on with what has
-//! no room; what passes the first or the last row is drained. Where flows in both directions want the same room, a pixel receives the mean of what it does if all that flows down comes first, and if all that flows up does.
+//! Of the rest, q − held(q), the share s (`blooming`) flows along the column, half of it up and half down; what is left is drained. Flowing charge fills every pixel that it passes up to W and goes on with what they do
+//! not hold; what passes the first or the last row is drained. Where flows in both directions reach a pixel that is not full, it receives the mean of what it does if all that flows down comes first, and if all that flows up does.
 //! So charge is kept but for what is drained, no pixel holds more than W, and a column upside down blooms upside down. Received charge has the noise of its source. Limits: columns do not mix; black sun is not modelled.
 
 use super::noise::Exposer;
@@ -90,7 +90,7 @@ impl Overflow {
             return None;
         }
         let rows = charge.len() / width;
-        let room: Vec<f64> = held.iter().map(|held| full_well_e - held).collect();
+        let free_e: Vec<f64> = held.iter().map(|held| full_well_e - held).collect();
         let of = |down_first: bool| {
             let mut filled = vec![0.0; charge.len()];
             for down in [down_first, !down_first] {
@@ -98,8 +98,8 @@ impl Overflow {
                 for k in 0..rows {
                     let row = if down { k } else { rows - 1 - k } * width;
                     for (c, carried) in carried.iter_mut().enumerate() {
-                        let free: f64 = room[row + c] - filled[row + c];
-                        let taken = if *carried < free { *carried } else { free };
+                        let left: f64 = free_e[row + c] - filled[row + c];
+                        let taken = if *carried < left { *carried } else { left };
                         filled[row + c] += taken;
                         *carried += half[row + c] - taken;
                     }

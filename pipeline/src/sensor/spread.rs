@@ -37,14 +37,7 @@ impl SpreadRows {
 
     /// The pixels that the signal of `window` depends on.
     pub fn reach(&self, window: Rect) -> Rect {
-        let r = self.of.radius as i64;
-        let low = |v: i64| (v - r).max(0);
-        let (bottom, right) = (
-            (window.bottom() + r).min(self.size.height as i64),
-            (window.right() + r).min(self.size.width as i64),
-        );
-        let (y, x) = (low(window.y), low(window.x));
-        Rect::new(y, x, (bottom - y) as usize, (right - x) as usize)
+        window.grown(self.of.radius).intersect(self.size.rect())
     }
 
     /// Weights of the planes of the corrections of a signal of `weights`.

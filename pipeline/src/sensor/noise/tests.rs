@@ -45,7 +45,7 @@ pub(crate) fn example() -> Sensor {
     }
 }
 
-fn exposure() -> Exposure {
+pub(crate) fn exposure() -> Exposure {
     Exposure {
         seconds: 0.01,
         gain: 1.0,

@@ -1,6 +1,6 @@
 use super::*;
-use crate::sensor::noise::tests::example;
-use crate::sensor::{Exposure, NoiseSet, Sensor};
+use crate::sensor::Sensor;
+use crate::sensor::noise::tests::{example, exposure};
 
 const WELL: f64 = 1000.0;
 
@@ -8,10 +8,10 @@ fn blooming(share: f64) -> Overflow {
     Overflow { knee: 1.0, blooming: share }
 }
 
-/// One packet after another walks down (or up) until it finds room.
+/// One packet after another walks down (or up) until it is held.
 fn by_packets(of: Overflow, charge: &[f64]) -> Vec<f64> {
     let in_order = |down_first: bool| {
-        let mut room: Vec<f64> = charge.iter().map(|q| WELL - of.held(*q, WELL)).collect();
+        let mut free_e: Vec<f64> = charge.iter().map(|q| WELL - of.held(*q, WELL)).collect();
         let mut received = vec![0.0; charge.len()];
         for down in [down_first, !down_first] {
             let order: Vec<usize> =
@@ -20,9 +20,9 @@ fn by_packets(of: Overflow, charge: &[f64]) -> Vec<f64> {
             for (k, from) in order.iter().enumerate() {
                 let mut packet = 0.5 * of.blooming * (charge[*from] - of.held(charge[*from], WELL));
                 for to in &order[k + 1..] {
-                    let taken = packet.min(room[*to]);
-                    (room[*to], received[*to], packet) =
-                        (room[*to] - taken, received[*to] + taken, packet - taken);
+                    let taken = packet.min(free_e[*to]);
+                    (free_e[*to], received[*to], packet) =
+                        (free_e[*to] - taken, received[*to] + taken, packet - taken);
                 }
             }
         }
@@ -61,7 +61,7 @@ fn charge_is_kept_and_a_column_upside_down_blooms_upside_down() {
     let got = of.spill(WELL, &charge, 1).unwrap();
     let total: f64 = got.iter().map(|v| f64::from(*v)).sum();
     assert!((total - (50_000.0 - WELL)).abs() < 0.05, "{total}");
-    // 24500 e- in pixels with room for 900: 27 full ones and a part on each side.
+    // 24500 e- in pixels that hold 900 more: 27 full ones and a part on each side.
     assert!(
         got[73..128].iter().enumerate().all(|(k, v)| k == 27 || *v == 900.0)
             && got[71] == 0.0
@@ -100,18 +100,7 @@ fn the_knee_is_smooth_and_ends_at_the_full_well() {
 fn what_a_sensor_receives_is_that_of_its_columns() {
     let mut sensor: Sensor = example();
     sensor.pixel.overflow = blooming(1.0);
-    let exposure = Exposure {
-        seconds: 0.01,
-        gain: 1.0,
-        scale: 1.0,
-        seed: 7,
-        die: 3,
-        frame: 0,
-        noise: NoiseSet::ALL,
-        temperature_c: None,
-        flicker: None,
-    };
-    let exposer = Exposer::new(&sensor, &exposure);
+    let exposer = Exposer::new(&sensor, &exposure());
     let rect = Rect::new(0, 10, 50, 150);
     let signal: Vec<f32> = (0..rect.size().pixels()).map(|k| if k % 977 == 0 { 2e7 } else { 3e5 }).collect();
     let all = received(&exposer, &signal, rect);
