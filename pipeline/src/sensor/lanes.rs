@@ -5,8 +5,6 @@
     reason = "instructions that the build does not assume, called after they were detected"
 )]
 
-use super::noise::{ExposeRow, charge_row, expose_row};
-
 /// An instruction set that loops over pixels are compiled for.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub(super) enum Set {
@@ -52,53 +50,28 @@ impl Set {
         sets
     }
 
-    /// [`expose_row`] by these instructions.
-    pub(super) fn expose_row(self, row: &ExposeRow<'_>, signal: &[f32], out: &mut [u16]) {
+    /// What `work` returns, by these instructions: a closure must be inlined, and the functions that it calls (`#[inline(always)]`).
+    pub(super) fn run<R>(self, work: impl FnOnce() -> R) -> R {
         match self {
             // SAFETY: the variant is only made where its instructions were detected (`detect`, `available`).
             #[cfg(target_arch = "x86_64")]
-            Self::Avx512 => unsafe { avx512(row, signal, out) },
+            Self::Avx512 => unsafe { avx512(work) },
             // SAFETY: as above.
             #[cfg(target_arch = "x86_64")]
-            Self::Avx2 => unsafe { avx2(row, signal, out) },
-            Self::Portable => expose_row(row, signal, out),
-        }
-    }
-
-    /// [`charge_row`] by these instructions.
-    pub(super) fn charge_row(self, row: &ExposeRow<'_>, signal: &[f32], out: &mut [f64]) {
-        match self {
-            // SAFETY: as for `expose_row`.
-            #[cfg(target_arch = "x86_64")]
-            Self::Avx512 => unsafe { avx512_charge(row, signal, out) },
-            // SAFETY: as for `expose_row`.
-            #[cfg(target_arch = "x86_64")]
-            Self::Avx2 => unsafe { avx2_charge(row, signal, out) },
-            Self::Portable => charge_row(row, signal, out),
+            Self::Avx2 => unsafe { avx2(work) },
+            Self::Portable => work(),
         }
     }
 }
 
 #[cfg(target_arch = "x86_64")]
 #[target_feature(enable = "avx512f,avx512dq,avx512vl")]
-fn avx512(row: &ExposeRow<'_>, signal: &[f32], out: &mut [u16]) {
-    expose_row(row, signal, out);
+fn avx512<R>(work: impl FnOnce() -> R) -> R {
+    work()
 }
 
 #[cfg(target_arch = "x86_64")]
 #[target_feature(enable = "avx2")]
-fn avx2(row: &ExposeRow<'_>, signal: &[f32], out: &mut [u16]) {
-    expose_row(row, signal, out);
-}
-
-#[cfg(target_arch = "x86_64")]
-#[target_feature(enable = "avx512f,avx512dq,avx512vl")]
-fn avx512_charge(row: &ExposeRow<'_>, signal: &[f32], out: &mut [f64]) {
-    charge_row(row, signal, out);
-}
-
-#[cfg(target_arch = "x86_64")]
-#[target_feature(enable = "avx2")]
-fn avx2_charge(row: &ExposeRow<'_>, signal: &[f32], out: &mut [f64]) {
-    charge_row(row, signal, out);
+fn avx2<R>(work: impl FnOnce() -> R) -> R {
+    work()
 }

@@ -39,7 +39,7 @@ pub struct Exposer {
 }
 
 /// What pixels of one row have in common, and the terms of their columns.
-pub(super) struct ExposeRow<'a> {
+struct ExposeRow<'a> {
     exposer: &'a Exposer,
     row: u32,
     column: u32,
@@ -139,7 +139,10 @@ impl Exposer {
                 column_gain: &columns.1,
                 received_e,
             };
-            self.set.expose_row(&row, signal, out);
+            self.set.run(
+                #[inline(always)]
+                || expose_row(&row, signal, out),
+            );
         }
     }
 
@@ -164,7 +167,10 @@ impl Exposer {
                 column_gain: &[],
                 received_e: &[],
             };
-            self.set.charge_row(&row, signal, out);
+            self.set.run(
+                #[inline(always)]
+                || charge_row(&row, signal, out),
+            );
         }
     }
 
@@ -217,7 +223,7 @@ fn vary(by: &mut [f64; LANES], sigma: f64, u: &[f64; LANES]) {
 
 /// One row of a tile.
 #[inline(always)]
-pub(super) fn expose_row(row: &ExposeRow<'_>, signal: &[f32], out: &mut [u16]) {
+fn expose_row(row: &ExposeRow<'_>, signal: &[f32], out: &mut [u16]) {
     for (k, (signal, out)) in std::iter::zip(signal.chunks(LANES), out.chunks_mut(LANES)).enumerate() {
         let dn = expose_lanes(row, k * LANES, light(signal));
         std::iter::zip(out, &dn).for_each(|(out, dn)| *out = *dn);
@@ -226,7 +232,7 @@ pub(super) fn expose_row(row: &ExposeRow<'_>, signal: &[f32], out: &mut [u16]) {
 
 /// Charges of one row of a tile before the full well.
 #[inline(always)]
-pub(super) fn charge_row(row: &ExposeRow<'_>, signal: &[f32], out: &mut [f64]) {
+fn charge_row(row: &ExposeRow<'_>, signal: &[f32], out: &mut [f64]) {
     for (k, (signal, out)) in std::iter::zip(signal.chunks(LANES), out.chunks_mut(LANES)).enumerate() {
         let (charge, ..) = charge_lanes(row, k * LANES, light(signal));
         std::iter::zip(out, &charge).for_each(|(out, charge)| *out = *charge);

@@ -4,6 +4,7 @@
 //! bits for any window, blocks and threads.
 
 use super::crosstalk::{Corrections, MAX_RADIUS};
+use super::lanes::Set;
 use super::stream::{BandWeights, Deliver, Pass};
 use crate::flow::SourceSinkError;
 use crate::geometry::{Rect, Size};
@@ -112,16 +113,20 @@ impl Taps {
         if low < high {
             let from = &from[low - r - first..][..high - low + 2 * r];
             let to = &mut to[low - columns.start..][..high - low];
-            match self.kernel.len() {
-                3 => weigh::<3>(&self.kernel, from, to),
-                5 => weigh::<5>(&self.kernel, from, to),
-                _ => weigh::<{ 2 * MAX_RADIUS + 1 }>(&self.kernel, from, to),
-            }
+            Set::detect().run(
+                #[inline(always)]
+                || match self.kernel.len() {
+                    3 => weigh::<3>(&self.kernel, from, to),
+                    5 => weigh::<5>(&self.kernel, from, to),
+                    _ => weigh::<{ 2 * MAX_RADIUS + 1 }>(&self.kernel, from, to),
+                },
+            );
         }
     }
 }
 
 /// Adds to each of `to` the `N` numbers of `from` from the same place on, weighed by `kernel`.
+#[inline(always)]
 fn weigh<const N: usize>(kernel: &[f32], from: &[f32], to: &mut [f32]) {
     let kernel: [f32; N] = kernel.try_into().expect("a kernel of N columns");
     for (to, from) in std::iter::zip(to, from.windows(N)) {

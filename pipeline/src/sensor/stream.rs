@@ -10,6 +10,7 @@
 
 use super::Sensor;
 use super::field_weights::{FieldWeights, interpolated};
+use super::lanes::Set;
 use super::pixels::Taps;
 use crate::flow::{ChartSource, SourceSinkError};
 use crate::geometry::Rect;
@@ -267,7 +268,10 @@ impl Pass<'_> {
             let y = first + k;
             if block.film.contains(&y) {
                 let line = &film[(y - block.film.start) * sum.len()..][..sum.len()];
-                std::iter::zip(&mut *sum, line).for_each(|(s, v)| *s += weight * f64::from(*v));
+                Set::detect().run(
+                    #[inline(always)]
+                    || std::iter::zip(&mut *sum, line).for_each(|(s, v)| *s += weight * f64::from(*v)),
+                );
             }
         }
     }
@@ -334,9 +338,10 @@ impl Pass<'_> {
     /// Adds a band of a sensor row that is a film row.
     fn add_copy(&self, row: usize, line: &[f32], weights: &[f64], own: (usize, usize), total: &mut [f64]) {
         for (weights, to) in self.of_row(row, weights, own, total) {
-            for (to, (w, v)) in std::iter::zip(to, std::iter::zip(weights, line)) {
-                *to += w * f64::from(*v);
-            }
+            Set::detect().run(
+                #[inline(always)]
+                || add_weighed(weights, line, to),
+            );
         }
     }
 
@@ -357,6 +362,14 @@ impl Pass<'_> {
                 *to += weight * std::iter::zip(taps, part).fold(0.0, |s, (w, v)| s + w * v);
             }
         }
+    }
+}
+
+/// Adds the numbers of `line`, each weighed by its own of `weights`.
+#[inline(always)]
+fn add_weighed(weights: &[f64], line: &[f32], to: &mut [f64]) {
+    for (to, (w, v)) in std::iter::zip(to, std::iter::zip(weights, line)) {
+        *to += w * f64::from(*v);
     }
 }
 
