@@ -5,6 +5,11 @@
 //! | position of a point | [`centroid`] | chief ray, centroid of its PSF |
 //! | edge spread function ESF, line spread function LSF | [`edge`]: pixels by their distance from the edge | [`expected`]: the PSF summed across the edge |
 //! | modulation transfer function MTF | [`sfr`]: e-SFR of ISO 12233 | the same, of the expected ESF |
+//! | modulation of a Siemens star | [`star`]: s-SFR | |
+//! | texture MTF of dead leaves | [`texture`]: cross-correlation with the chart | |
+//! | tones, noise, dynamic range of grey patches | [`tones`]; [`mod@visual_noise`] as an observer sees it | |
+//! | distortion, lateral colour of dots | [`dots`] | |
+//! | shading of light and colour | [`shading`] | |
 //! | veiling glare, flare of a lamp | mean of a black area over that of a white one; [`flare`] | closed forms of its kernels |
 //! | agreement of two curves | [`agreement`] | |
 //!
@@ -13,7 +18,13 @@
 
 pub mod agreement;
 pub mod centroid;
+pub mod dots;
 pub mod edge;
 pub mod expected;
 pub mod flare;
 pub mod sfr;
+pub mod shading;
+pub mod star;
+pub mod texture;
+pub mod tones;
+pub mod visual_noise;
