@@ -11,6 +11,7 @@
 //! | distortion, lateral colour of dots | [`dots`] | |
 //! | shading of light and colour | [`shading`] | |
 //! | veiling glare, flare of a lamp | mean of a black area over that of a white one; [`flare`] | closed forms of its kernels |
+//! | position of a chart in a picture | [`fiducial`]: its four corner marks; [`projective`]: the map through them | |
 //! | agreement of two curves | [`agreement`] | |
 //!
 //! No code is shared with the stages that compute a film: no rotation, interpolation or convolution. Distances are film pixels, angles
@@ -21,7 +22,9 @@ pub mod centroid;
 pub mod dots;
 pub mod edge;
 pub mod expected;
+pub mod fiducial;
 pub mod flare;
+pub mod projective;
 pub mod sfr;
 pub mod shading;
 pub mod star;
