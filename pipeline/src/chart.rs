@@ -14,6 +14,7 @@ mod coverage;
 mod depth_scene;
 mod drawing;
 mod error;
+mod fiducials;
 pub mod glyphs;
 mod inks;
 mod noise;
@@ -30,10 +31,11 @@ pub use inks::UNITS;
 pub use spec::{ChartSpec, KINDS, Kind};
 pub use targets::{EdgePlaces, PointShape};
 
+use crate::colour::checker_reflectance;
 use crate::flow::{ChartSource, SourceSinkError};
 use crate::geometry::{Rect, Size};
 use depth_scene::DepthScene;
-use drawing::Drawing;
+use drawing::{Drawing, PatchColour};
 use inks::Inks;
 use picture::Picture;
 
@@ -56,6 +58,8 @@ pub struct Generator {
     points: Vec<(f64, f64)>,
     edges: Vec<EdgeSite>,
     patches: Vec<Rect>,
+    colours: Vec<PatchColour>,
+    fiducials: Option<[(f64, f64); 4]>,
 }
 
 impl Generator {
@@ -68,6 +72,9 @@ impl Generator {
         let overscan_px = spec.overscan();
         let inks = Inks::new(spec.illuminant, spec.wavelengths_nm.clone());
         let mut drawing = Drawing::new(spec.film, overscan_px, inks);
+        if spec.fiducials_px > 0.0 {
+            drawing.corner_px = fiducials::covered_px(spec.fiducials_px);
+        }
         let mut scene = None;
         match &spec.kind {
             Kind::Uniform { value } => drawing.uniform(*value),
@@ -86,6 +93,14 @@ impl Generator {
                 scene = Some(DepthScene::draw(&mut drawing, *near_m, *far_m, *part));
             }
         }
+        let uniform = match spec.kind {
+            Kind::Uniform { value } => Some(value),
+            _ => None,
+        };
+        let fiducials = match spec.fiducials_px {
+            0.0 => None,
+            side_px => Some(drawing.fiducials(side_px, uniform)?),
+        };
         Ok(Self {
             overscan_px,
             chart: drawing.chart(),
@@ -95,6 +110,8 @@ impl Generator {
             points: drawing.points,
             edges: drawing.edges,
             patches: drawing.patches,
+            colours: drawing.colours,
+            fiducials,
             spec,
         })
     }
@@ -160,6 +177,20 @@ impl Generator {
     /// for other charts.
     pub fn patches_px(&self) -> &[Rect] {
         &self.patches
+    }
+
+    /// Reflectance of each of [`Generator::patches_px`] at a wavelength, relative to a perfect reflecting diffuser.
+    pub fn patch_reflectance(&self, wavelength_nm: f64) -> Vec<f64> {
+        let reflectance = |colour: &PatchColour| match *colour {
+            PatchColour::Grey(reflectance) => reflectance,
+            PatchColour::Checker(patch) => checker_reflectance(patch, wavelength_nm),
+        };
+        self.colours.iter().map(reflectance).collect()
+    }
+
+    /// Centres (row, column) in film pixels of the corner marks at the top left, top right, bottom right and bottom left, if it has any.
+    pub const fn fiducials(&self) -> Option<[(f64, f64); 4]> {
+        self.fiducials
     }
 }
 

@@ -127,6 +127,9 @@ pub struct GeneratedArgs {
     /// Relative standard deviation of a fixed noise pattern, 0 to 0.28
     #[arg(long, value_name = "SIGMA")]
     pub noise: Option<String>,
+    /// Side in pixels of four marks in the film's corners, by which `lenscube report` finds the chart in a picture; 21 and more, 0 without [default: 0]
+    #[arg(long, value_name = "PX")]
+    pub fiducials: Option<String>,
     /// uniform: the value of every pixel
     #[arg(long, allow_hyphen_values = true)]
     pub value: Option<String>,

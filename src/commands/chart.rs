@@ -47,6 +47,7 @@ fn draw(args: &GeneratedArgs) -> Result<()> {
         ("x", &args.x),
         ("y", &args.y),
         ("noise", &args.noise),
+        ("fiducials", &args.fiducials),
         ("near_m", &args.near_m),
         ("far_m", &args.far_m),
     ];

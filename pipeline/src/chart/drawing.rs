@@ -26,6 +26,21 @@ pub(super) struct Drawing {
     pub(super) points: Vec<(f64, f64)>,
     pub(super) edges: Vec<EdgeSite>,
     pub(super) patches: Vec<Rect>,
+    /// Colours of the patches.
+    pub(super) colours: Vec<PatchColour>,
+    /// Columns and rows of the film's corners that marks cover, px; 0 without.
+    pub(super) corner_px: [f64; 2],
+    /// What the marks cover, film pixels.
+    pub(super) marks: Vec<Rect>,
+}
+
+/// Known reflectance of a patch.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub(super) enum PatchColour {
+    /// The same at all wavelengths.
+    Grey(f64),
+    /// A patch of the ColorChecker.
+    Checker(usize),
 }
 
 impl Drawing {
@@ -33,7 +48,18 @@ impl Drawing {
         let chart = Size::new(film.height + 2 * margin, film.width + 2 * margin);
         // Ink 0, the first that a drawing allocates, is the paper.
         let picture = Picture::new(chart, 0);
-        Self { film, margin, inks, picture, points: Vec::new(), edges: Vec::new(), patches: Vec::new() }
+        Self {
+            film,
+            margin,
+            inks,
+            picture,
+            points: Vec::new(),
+            edges: Vec::new(),
+            patches: Vec::new(),
+            colours: Vec::new(),
+            corner_px: [0.0; 2],
+            marks: Vec::new(),
+        }
     }
 
     /// Size with overscan.
@@ -59,7 +85,23 @@ impl Drawing {
         }
     }
 
-    /// The same, by its middle and half sizes.
+    /// A rectangle at sub-pixel positions.
+    pub(super) fn boxed(&mut self, place: [f64; 4], ink: Ink) {
+        self.picture.add(Shape::Boxes(vec![place]), ink);
+    }
+
+    /// A rectangle of known reflectance, snapped to pixel borders.
+    pub(super) fn patch(&mut self, place: [f64; 4], colour: PatchColour) {
+        let ink = match colour {
+            PatchColour::Grey(reflectance) => self.inks.grey(reflectance),
+            PatchColour::Checker(patch) => self.inks.checker(patch),
+        };
+        self.block(place, ink);
+        self.patches.push(self.film_rect(place));
+        self.colours.push(colour);
+    }
+
+    /// A rectangle snapped to pixel borders, by its middle and half sizes.
     pub(super) fn block_at(&mut self, [x, y]: Point, half_x: f64, half_y: f64, ink: Ink) {
         self.block([x - half_x, y - half_y, x + half_x, y + half_y], ink);
     }

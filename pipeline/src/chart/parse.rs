@@ -9,7 +9,8 @@ use crate::wavelengths;
 use crate::words::edit_distance;
 
 /// Settings of every kind.
-const COMMON_KEYS: [&str; 6] = ["size", "wavelengths", "pitch_um", "overscan", "illuminant", "noise"];
+const COMMON_KEYS: [&str; 7] =
+    ["size", "wavelengths", "pitch_um", "overscan", "illuminant", "noise", "fiducials"];
 
 impl Kind {
     /// The kind of this name, with default settings.
@@ -82,6 +83,7 @@ impl ChartSpec {
                 self.illuminant = value.parse().map_err(|_| bad_value("illuminant", value, "D65, A or E"))?;
             }
             ("noise", _) => self.noise = number("noise", value)?,
+            ("fiducials", _) => self.fiducials_px = number("fiducials", value)?,
             ("value", Kind::Uniform { value: v }) => *v = number("value", value)?,
             ("count", Kind::Points { count: n, .. } | Kind::DotGrid { count: n, .. }) => {
                 *n = count("count", value)?

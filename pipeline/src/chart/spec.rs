@@ -5,6 +5,7 @@
 
 use super::depth_scene::ScenePart;
 use super::error::{ChartError, bad_value};
+use super::fiducials;
 use super::noise;
 use super::targets::{EdgePlaces, PointShape};
 use crate::bounds::{self, BANDS, FILM_SIDE_PX, PITCH_UM, WAVELENGTH_NM};
@@ -18,7 +19,7 @@ pub(super) const SIZE_EXPECTED: &str = "a film size N or WxH, each side 1 to 100
 /// Largest number of points or stars along a side: they are searched one by one for every rectangle.
 const MAX_ALONG: usize = 128;
 
-/// Name of every kind, and its settings beside `size`, `wavelengths`, `pitch_um`, `overscan`, `illuminant` and `noise`.
+/// Name of every kind, and its settings beside `size`, `wavelengths`, `pitch_um`, `overscan`, `illuminant`, `noise` and `fiducials`.
 pub const KINDS: [(&str, &[&str]); 11] = [
     ("uniform", &["value"]),
     ("points", &["count", "blob", "width_px"]),
@@ -153,6 +154,8 @@ pub struct ChartSpec {
     pub illuminant: Illuminant,
     /// Relative standard deviation of a fixed pattern of noise, 0 to 0.28.
     pub noise: f64,
+    /// Side of the marks in the film's corners, px; 0: without.
+    pub fiducials_px: f64,
 }
 
 impl ChartSpec {
@@ -189,6 +192,7 @@ impl ChartSpec {
             overscan_px: None,
             illuminant: Illuminant::D65,
             noise: 0.0,
+            fiducials_px: 0.0,
         }
     }
 
@@ -208,6 +212,23 @@ impl ChartSpec {
         }
         within("overscan", self.overscan() as f64, 0.0, longest, "0 to 1000000 pixels")?;
         within("noise", self.noise, 0.0, noise::MAX_SIGMA, "a relative standard deviation of 0 to 0.28")?;
+        if self.fiducials_px != 0.0 {
+            let (low, high) = fiducials::SIDE_PX;
+            within(
+                "fiducials",
+                self.fiducials_px,
+                low,
+                high,
+                "0 (no corner marks) or a side of 21 to 100000 px",
+            )?;
+            if matches!(self.kind, Kind::Uniform { value } if value <= 0.0) {
+                return Err(bad_value(
+                    "fiducials",
+                    &self.fiducials_px.to_string(),
+                    "0 for a uniform chart without light",
+                ));
+            }
+        }
         within("pitch_um", self.pitch_um, PITCH_UM.min, PITCH_UM.max, "a pitch of 0.001 to 1e6 µm")?;
         if BANDS.check_count(self.wavelengths_nm.len()).is_err() {
             return Err(bad_value(
@@ -294,6 +315,9 @@ impl std::fmt::Display for ChartSpec {
         write!(f, "&overscan={}&illuminant={}", self.overscan(), self.illuminant.name())?;
         if self.noise > 0.0 {
             write!(f, "&noise={}", self.noise)?;
+        }
+        if self.fiducials_px != 0.0 {
+            write!(f, "&fiducials={}", self.fiducials_px)?;
         }
         match &self.kind {
             Kind::Uniform { value } => write!(f, "&value={value}"),

@@ -1,7 +1,7 @@
 //! Charts with one kind of target each.
 
 use super::coverage::Polygon;
-use super::drawing::{Drawing, EdgeSite};
+use super::drawing::{Drawing, EdgeSite, PatchColour};
 use super::error::ChartError;
 use super::picture::Shape;
 use crate::real;
@@ -172,17 +172,17 @@ impl Drawing {
     }
 
     /// A row of steps from ink to paper, equal in density, above the first squares, where a quarter of a part (`spacing_px`) is clear.
-    /// They measure the film's response (OECF, ISO 14524).
+    /// They measure the film's response (OECF, ISO 14524). Corner marks are beside them.
     fn grey_steps(&mut self, spacing_px: f64) {
-        let [x0, y0] = self.at(-0.5, -0.5);
-        let (step, top) = (self.film.width as f64 / GREY_STEPS as f64, y0 + 0.02 * spacing_px);
+        let inset = self.corner_px[0];
+        let [x0, y0] = self.at(-0.5, -0.5 + inset);
+        let step = (self.film.width as f64 - 2.0 * inset) / GREY_STEPS as f64;
+        let top = y0 + 0.02 * spacing_px;
         for i in 0..GREY_STEPS {
             let share = i as f64 / (GREY_STEPS - 1) as f64;
-            let grey = self.inks.grey(INK * real::pow(PAPER / INK, share));
+            let grey = PatchColour::Grey(INK * real::pow(PAPER / INK, share));
             let left = x0 + i as f64 * step;
-            let place = [left, top, left + step, top + 0.1 * spacing_px];
-            self.block(place, grey);
-            self.patches.push(self.film_rect(place));
+            self.patch([left, top, left + step, top + 0.1 * spacing_px], grey);
         }
     }
 
@@ -261,9 +261,7 @@ impl Drawing {
         for patch in 0..24 {
             let (left, top) = (x0 + (patch % 6) as f64 * w, y0 + (patch / 6) as f64 * h);
             let place = [left + inset, top + inset, left + w - inset, top + h - inset];
-            let ink = self.inks.checker(patch);
-            self.block(place, ink);
-            self.patches.push(self.film_rect(place));
+            self.patch(place, PatchColour::Checker(patch));
         }
     }
 }

@@ -23,7 +23,7 @@ impl Random {
     }
 }
 
-const CHARTS: [&str; 16] = [
+const CHARTS: [&str; 19] = [
     "checker?size=200x97&noise=0.2&wavelengths=550",
     "uniform?value=3.5&size=40",
     "points?size=301x200&count=5&overscan=7",
@@ -39,6 +39,9 @@ const CHARTS: [&str; 16] = [
     "composite?size=700&wavelengths=450,550,650",
     "composite?size=1002x1301&wavelengths=550",
     "depth-scene?size=400x300&wavelengths=550,600&noise=0.1",
+    "checker?size=400x300&wavelengths=550&fiducials=35",
+    "slanted-edge?size=300x310&wavelengths=550&fiducials=30.25&noise=0.02",
+    "uniform?size=200&value=0.01&fiducials=21",
     "depth-scene?size=300x200&wavelengths=550&near_m=0.3&far_m=inf&part=depth",
 ];
 
@@ -281,6 +284,10 @@ fn invalid_specification_is_an_error_with_a_hint() {
         ("slanted-edge?centers=5000,5", "on the film"),
         ("slanted-edge?centers=50,50;52,50&patch_px=9", "apart"),
         ("siemens?spokes=1", "2 to 720"),
+        ("checker?fiducials=20", "21 to 100000 px"),
+        ("checker?fiducials=-7", "21 to 100000 px"),
+        ("checker?size=200x300&fiducials=70", "corner marks are 200.0 px apart and need 270.0 px"),
+        ("uniform?value=0&fiducials=30", "without light"),
         ("depth-scene?near_m=0", "0.0001 to 100000 m"),
         ("depth-scene?near_m=2&far_m=2", "more than near_m"),
         ("depth-scene?part=dept", "one of chart, depth, coverage"),
@@ -398,4 +405,76 @@ fn dots_are_dark_on_paper_and_have_the_expected_area() {
         assert!((missing - std::f64::consts::PI * 100.0).abs() < 1e-2, "{missing}");
     }
     assert!("dot-grid?size=100&count=20&width_px=10".parse::<Generator>().is_err());
+}
+
+#[test]
+fn corner_marks_are_found_where_they_are_drawn() {
+    for spec in [
+        "checker?size=500x400&fiducials=42",
+        "slanted-edge?size=600&grid=3&fiducials=30.3",
+        "siemens?size=450&grid=2&fiducials=49",
+        "composite?size=700x900&fiducials=40",
+        "uniform?size=300&value=0.05&fiducials=28",
+        "iso12233-esfr?size=900&grid=4&fiducials=60",
+    ] {
+        let chart = generate(&format!("{spec}&wavelengths=550&overscan=10"));
+        let film = chart.film_size();
+        let picture = read(&chart, 0, Rect::new(10, 10, film.height, film.width));
+        let found = crate::measure::fiducial::find(&picture, film).unwrap_or_else(|e| panic!("{spec}: {e}"));
+        for (found, drawn) in std::iter::zip(found, chart.fiducials().unwrap()) {
+            let error = (found.0 - drawn.0).hypot(found.1 - drawn.1);
+            assert!(error < 0.01, "{spec}: {found:?} {drawn:?}");
+        }
+    }
+}
+
+#[test]
+fn without_corner_marks_nothing_changes() {
+    for spec in CHARTS.iter().filter(|s| !s.contains("fiducials")) {
+        let (without, zero) = (generate(spec), generate(&format!("{spec}&fiducials=0")));
+        assert_eq!(zero.spec().to_string(), without.spec().to_string());
+        assert!(!without.spec().to_string().contains("fiducials"));
+        assert_eq!(without.fiducials(), None);
+    }
+}
+
+#[test]
+fn targets_below_corner_marks_are_not_reported() {
+    let module = 5.0;
+    let covered = [Rect::new(0, 0, 65, 80), Rect::new(0, 645, 55, 55), Rect::new(545, 645, 55, 55)];
+    for spec in ["points?count=20", "iso12233-esfr?grid=4", "checker", "slanted-edge", "dot-grid?count=9"] {
+        let separator = if spec.contains('?') { '&' } else { '?' };
+        let size = "size=700x600&wavelengths=550";
+        let without = generate(&format!("{spec}{separator}{size}"));
+        let chart = generate(&format!("{spec}{separator}{size}&fiducials={}", 7.0 * module));
+        for mark in covered {
+            let clear = |rect: Rect| rect.intersect(mark).is_empty();
+            assert!(chart.patches_px().iter().all(|p| clear(*p) && !p.is_empty()), "{spec}");
+            assert!(chart.edges().iter().all(|e| clear(e.patch)), "{spec}");
+            assert!(
+                chart.points_px().iter().all(|p| clear(Rect::new(p.0 as i64, p.1 as i64, 1, 1))),
+                "{spec}"
+            );
+        }
+        assert_eq!(chart.patches_px().len(), without.patches_px().len());
+        assert_eq!(chart.edges().is_empty(), without.edges().is_empty(), "{spec}");
+        assert!(chart.points_px().len() + 30 > without.points_px().len());
+    }
+}
+
+#[test]
+fn patches_have_their_reported_reflectance() {
+    for spec in ["checker?size=300x200&illuminant=A", "iso12233-esfr?size=300&grid=3&fiducials=21"] {
+        let chart = generate(&format!("{spec}&wavelengths=450,550,650&overscan=0"));
+        let reflectance: Vec<Vec<f64>> =
+            chart.wavelengths_nm().iter().map(|nm| chart.patch_reflectance(*nm)).collect();
+        assert_eq!(reflectance[0].len(), chart.patches_px().len());
+        for (band, reflectance) in reflectance.iter().enumerate() {
+            let level = |i: usize| f64::from(read(&chart, band, chart.patches_px()[i])[0]);
+            for i in 1..reflectance.len() {
+                let ratio = level(i) / level(0) * reflectance[0] / reflectance[i];
+                assert!((ratio - 1.0).abs() < 1e-6, "{spec}, band {band}, patch {i}: {ratio}");
+            }
+        }
+    }
 }
