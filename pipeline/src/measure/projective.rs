@@ -94,7 +94,7 @@ fn frame(quad: &Quad) -> Result<(Matrix, Matrix), ProjectiveError> {
     };
     // Cramer's rule for λ, μ, ν, times det(p₁, p₂, p₃).
     let shares = [area(3, 1, 2), area(0, 3, 2), area(0, 1, 3)];
-    if shares.iter().chain([&area(0, 1, 2)]).any(|a| !(a.abs() >= MIN_AREA)) {
+    if shares.iter().chain([&area(0, 1, 2)]).any(|a| a.is_nan() || a.abs() < MIN_AREA) {
         return Err(ProjectiveError::Collinear);
     }
     let columns: Matrix =

@@ -51,7 +51,7 @@ pub(super) fn centre(luma: &[f32], size: Size, axes: &Axes) -> Option<(f64, f64)
 /// Intersection (s, t) of the diagonals of one of the squares; `a` and `b` are the distances of the outer square's borders.
 fn square(half_modules: f64, a: f64, b: f64, at: impl Fn(f64, f64) -> Option<f64>) -> Option<(f64, f64)> {
     // s = line(t) and t = line(s).
-    let right = side(half_modules, a, b, |s, t| at(s, t))?;
+    let right = side(half_modules, a, b, &at)?;
     let left = side(half_modules, a, b, |s, t| at(-s, t))?.map(|v| -v);
     let below = side(half_modules, b, a, |t, s| at(s, t))?;
     let above = side(half_modules, b, a, |t, s| at(s, -t))?.map(|v| -v);

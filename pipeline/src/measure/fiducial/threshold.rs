@@ -107,7 +107,7 @@ mod tests {
         let mut line = [0.0; 4];
         for y in 0..3usize {
             smooth(&luma, size, y, &mut line);
-            for x in 0..4usize {
+            for (x, smoothed) in line.iter().enumerate() {
                 let (mut sum, mut count) = (0.0, 0.0);
                 for v in y.saturating_sub(1)..(y + 2).min(3) {
                     for u in x.saturating_sub(1)..(x + 2).min(4) {
@@ -115,7 +115,7 @@ mod tests {
                         count += 1.0;
                     }
                 }
-                assert!((line[x] - sum / count).abs() < 1e-4, "{y} {x}");
+                assert!((smoothed - sum / count).abs() < 1e-4, "{y} {x}");
             }
         }
     }
