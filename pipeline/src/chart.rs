@@ -11,6 +11,7 @@
 
 mod composite;
 mod coverage;
+mod dead_leaves;
 mod depth_scene;
 mod drawing;
 mod error;
@@ -18,9 +19,11 @@ mod fiducials;
 pub mod glyphs;
 mod inks;
 mod noise;
+mod oecf;
 mod parse;
 mod picture;
 mod shares;
+mod sine_star;
 mod spec;
 mod targets;
 
@@ -28,12 +31,14 @@ pub use depth_scene::ScenePart;
 pub use drawing::EdgeSite;
 pub use error::ChartError;
 pub use inks::UNITS;
+pub use sine_star::{StarProfile, StarSite};
 pub use spec::{ChartSpec, KINDS, Kind};
 pub use targets::{EdgePlaces, PointShape};
 
 use crate::colour::checker_reflectance;
 use crate::flow::{ChartSource, SourceSinkError};
 use crate::geometry::{Rect, Size};
+use dead_leaves::DeadLeaves;
 use depth_scene::DepthScene;
 use drawing::{Drawing, PatchColour};
 use inks::Inks;
@@ -53,11 +58,14 @@ pub struct Generator {
     picture: Picture,
     /// Near objects of a depth scene, whose wall and floor are the picture.
     scene: Option<DepthScene>,
+    /// Leaves and the ink of reflectance 1, over the picture.
+    leaves: Option<(DeadLeaves, usize)>,
     /// Radiance of every ink, per band.
     radiance: Vec<Vec<f32>>,
     points: Vec<(f64, f64)>,
     edges: Vec<EdgeSite>,
     patches: Vec<Rect>,
+    stars: Vec<StarSite>,
     colours: Vec<PatchColour>,
     fiducials: Option<[(f64, f64); 4]>,
 }
@@ -75,7 +83,7 @@ impl Generator {
         if spec.fiducials_px > 0.0 {
             drawing.corner_px = fiducials::covered_px(spec.fiducials_px);
         }
-        let mut scene = None;
+        let (mut scene, mut leaves) = (None, None);
         match &spec.kind {
             Kind::Uniform { value } => drawing.uniform(*value),
             Kind::Points { count, shape, width_px } => drawing.points(*count, *shape, *width_px)?,
@@ -86,7 +94,13 @@ impl Generator {
             Kind::DotGrid { count, width_px } => drawing.dot_grid(*count, *width_px)?,
             Kind::BlackSpots { along, diameter } => drawing.black_spots(*along, *diameter)?,
             Kind::Lamp { radius_px, column, row } => drawing.lamp(*radius_px, *column, *row),
-            Kind::Siemens { spokes, grid } => drawing.siemens(*spokes, *grid),
+            Kind::Siemens { spokes, grid, profile } => drawing.siemens(*spokes, *grid, *profile),
+            Kind::DeadLeaves { seed, r_min_px, r_max_px, contrast } => {
+                let area = drawing.leaf_frame();
+                let white = drawing.inks.grey(1.0);
+                leaves = Some((DeadLeaves::new(area, *seed, *r_min_px, *r_max_px, *contrast), white));
+            }
+            Kind::Oecf { patches, density } => drawing.oecf(*patches, *density)?,
             Kind::Checker => drawing.checker(),
             Kind::Composite => composite::draw(&mut drawing, spec.pitch_um),
             Kind::DepthScene { near_m, far_m, part } => {
@@ -107,9 +121,11 @@ impl Generator {
             radiance: drawing.inks.into_bands(),
             picture: drawing.picture,
             scene,
+            leaves,
             points: drawing.points,
             edges: drawing.edges,
             patches: drawing.patches,
+            stars: drawing.stars,
             colours: drawing.colours,
             fiducials,
             spec,
@@ -173,10 +189,25 @@ impl Generator {
         &self.edges
     }
 
-    /// The 24 ColorChecker patches row by row, or the grey steps of an `iso12233-esfr` chart from dark to light, in film pixels; empty
-    /// for other charts.
+    /// The 24 ColorChecker patches row by row, the grey steps of an `iso12233-esfr` or `oecf` chart from dark to light, or the left and right part
+    /// of the frame of `dead-leaves`, in film pixels; empty for other charts.
     pub fn patches_px(&self) -> &[Rect] {
         &self.patches
+    }
+
+    /// The stars of a `siemens` chart.
+    pub fn stars(&self) -> &[StarSite] {
+        &self.stars
+    }
+
+    /// The part of the film that the texture of a `dead-leaves` chart fills, film pixels.
+    pub fn texture_px(&self) -> Option<Rect> {
+        let m = self.overscan_px as i64;
+        self.leaves.as_ref().map(|(leaves, _)| Rect {
+            y: leaves.area.y - m,
+            x: leaves.area.x - m,
+            ..leaves.area
+        })
     }
 
     /// Reflectance of each of [`Generator::patches_px`] at a wavelength, relative to a perfect reflecting diffuser.
@@ -223,6 +254,9 @@ impl ChartSource for Generator {
         match &self.scene {
             Some(scene) => scene.paint(&self.picture, inks, rect, out),
             None => self.picture.paint(inks, rect, out),
+        }
+        if let Some((leaves, white)) = &self.leaves {
+            leaves.paint(inks[*white], rect, out);
         }
         let is_radiance = !matches!(self.spec.kind, Kind::DepthScene { part, .. } if !part.is_radiance());
         if self.spec.noise > 0.0 && is_radiance {

@@ -103,7 +103,7 @@ impl ImageArgs {
 /// `lenscube chart KIND`
 #[derive(Debug, Args)]
 pub struct GeneratedArgs {
-    /// uniform, points, slanted-edge, iso12233-esfr, dot-grid, black-spots, lamp, siemens, checker, composite or depth-scene; or image, for a picture
+    /// uniform, points, slanted-edge, iso12233-esfr, dot-grid, black-spots, lamp, siemens, dead-leaves, oecf, checker, composite or depth-scene; or image, for a picture
     #[arg(value_name = "KIND")]
     pub kind: String,
     /// Zarr store to write, local or at s3://BUCKET/PREFIX
@@ -145,7 +145,7 @@ pub struct GeneratedArgs {
     /// slanted-edge, iso12233-esfr: angle from the vertical
     #[arg(long, allow_hyphen_values = true)]
     pub angle_deg: Option<String>,
-    /// slanted-edge, iso12233-esfr: ratio of bright to dark; 4 in ISO 12233
+    /// slanted-edge, iso12233-esfr, dead-leaves: ratio of bright to dark; 4 in ISO 12233
     #[arg(long)]
     pub contrast: Option<String>,
     /// slanted-edge, iso12233-esfr, siemens: edge regions, squares or stars per row and column
@@ -160,6 +160,24 @@ pub struct GeneratedArgs {
     /// siemens: pairs of dark and bright spokes
     #[arg(long)]
     pub spokes: Option<String>,
+    /// siemens: reflectance over the angle, square or sine (ISO 12233:2014) [default: square]
+    #[arg(long)]
+    pub profile: Option<String>,
+    /// dead-leaves: seed of places, radii and greys [default: 0]
+    #[arg(long)]
+    pub seed: Option<String>,
+    /// dead-leaves: smallest radius in pixels, 1 and more [default: 2]
+    #[arg(long, value_name = "PX")]
+    pub r_min_px: Option<String>,
+    /// dead-leaves: largest radius in pixels [default: 128]
+    #[arg(long, value_name = "PX")]
+    pub r_max_px: Option<String>,
+    /// oecf: number of grey patches, 2 to 64 [default: 20]
+    #[arg(long)]
+    pub patches: Option<String>,
+    /// oecf: range of density of the patches, 0.1 to 5; 3 is a contrast of 1000 [default: 3]
+    #[arg(long)]
+    pub density: Option<String>,
     /// black-spots: number of black discs, a square: 9 are 3 x 3
     #[arg(long)]
     pub spots: Option<String>,

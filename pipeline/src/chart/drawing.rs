@@ -3,6 +3,7 @@
 use super::coverage::{Disc, Point, Polygon};
 use super::inks::Inks;
 use super::picture::{Ink, Picture, Shape};
+use super::sine_star::StarSite;
 use crate::geometry::{Rect, Size};
 use crate::real;
 
@@ -26,6 +27,7 @@ pub(super) struct Drawing {
     pub(super) points: Vec<(f64, f64)>,
     pub(super) edges: Vec<EdgeSite>,
     pub(super) patches: Vec<Rect>,
+    pub(super) stars: Vec<StarSite>,
     /// Colours of the patches.
     pub(super) colours: Vec<PatchColour>,
     /// Columns and rows of the film's corners that marks cover, px; 0 without.
@@ -56,6 +58,7 @@ impl Drawing {
             points: Vec::new(),
             edges: Vec::new(),
             patches: Vec::new(),
+            stars: Vec::new(),
             colours: Vec::new(),
             corner_px: [0.0; 2],
             marks: Vec::new(),

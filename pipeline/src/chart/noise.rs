@@ -27,7 +27,7 @@ pub(super) fn add(sigma: f64, band: usize, rect: Rect, out: &mut [f32]) {
 }
 
 /// SplitMix64's next number after the state `key`.
-fn mix(key: u64) -> u64 {
+pub(super) fn mix(key: u64) -> u64 {
     let mut z = key.wrapping_add(0x9e37_79b9_7f4a_7c15);
     z = (z ^ (z >> 30)).wrapping_mul(0xbf58_476d_1ce4_e5b9);
     z = (z ^ (z >> 27)).wrapping_mul(0x94d0_49bb_1331_11eb);

@@ -2,6 +2,7 @@
 
 use super::depth_scene::ScenePart;
 use super::error::{ChartError, bad_value};
+use super::sine_star::StarProfile;
 use super::spec::{ChartSpec, KINDS, Kind, MAX_SIDE, SIZE_EXPECTED};
 use super::targets::{EdgePlaces, PointShape};
 use crate::geometry::Size;
@@ -31,7 +32,9 @@ impl Kind {
             "dot-grid" => Self::DotGrid { count: 25, width_px: 20.0 },
             "black-spots" => Self::BlackSpots { along: 3, diameter: 0.05 },
             "lamp" => Self::Lamp { radius_px: 10.0, column: None, row: None },
-            "siemens" => Self::Siemens { spokes: 72, grid: 1 },
+            "siemens" => Self::Siemens { spokes: 72, grid: 1, profile: StarProfile::Square },
+            "dead-leaves" => Self::DeadLeaves { seed: 0, r_min_px: 2.0, r_max_px: 128.0, contrast: 4.0 },
+            "oecf" => Self::Oecf { patches: 20, density: 3.0 },
             "checker" => Self::Checker,
             "composite" => Self::Composite,
             "depth-scene" => Self::DepthScene { near_m: 0.1, far_m: 1.0, part: ScenePart::Chart },
@@ -101,8 +104,27 @@ impl ChartSpec {
             ("angle_deg", Kind::SlantedEdge { angle_deg, .. } | Kind::Esfr { angle_deg, .. }) => {
                 *angle_deg = number("angle_deg", value)?
             }
-            ("contrast", Kind::SlantedEdge { contrast, .. } | Kind::Esfr { contrast, .. }) => {
-                *contrast = number("contrast", value)?
+            (
+                "contrast",
+                Kind::SlantedEdge { contrast, .. }
+                | Kind::Esfr { contrast, .. }
+                | Kind::DeadLeaves { contrast, .. },
+            ) => *contrast = number("contrast", value)?,
+            ("seed", Kind::DeadLeaves { seed, .. }) => {
+                let number = value.trim().parse().ok();
+                *seed =
+                    number.ok_or_else(|| bad_value("seed", value, "a whole number from 0 to 2^64 - 1"))?;
+            }
+            ("r_min_px", Kind::DeadLeaves { r_min_px, .. }) => *r_min_px = number("r_min_px", value)?,
+            ("r_max_px", Kind::DeadLeaves { r_max_px, .. }) => *r_max_px = number("r_max_px", value)?,
+            ("patches", Kind::Oecf { patches, .. }) => *patches = count("patches", value)?,
+            ("density", Kind::Oecf { density, .. }) => *density = number("density", value)?,
+            ("profile", Kind::Siemens { profile, .. }) => {
+                *profile = match value {
+                    "square" => StarProfile::Square,
+                    "sine" => StarProfile::Sine,
+                    _ => return Err(bad_value("profile", value, "square or sine")),
+                }
             }
             ("grid", Kind::SlantedEdge { places, .. }) => *places = EdgePlaces::Grid(count("grid", value)?),
             ("centers", Kind::SlantedEdge { places, .. }) => *places = EdgePlaces::Centres(centres(value)?),

@@ -10,6 +10,7 @@
 
 use super::coverage::{Disc, Point, Polygon, gaussian_mean};
 use super::shares::Cells;
+use super::sine_star::SineStar;
 use crate::geometry::{Rect, Size};
 
 /// Index of a spectrum.
@@ -21,6 +22,8 @@ pub(super) enum Shape {
     Boxes(Vec<[f64; 4]>),
     /// Convex polygons that do not overlap, but may share pixels, clipped to the disc if given.
     Polygons(Vec<Polygon>, Option<Disc>),
+    /// A Siemens star of sinusoidal profile.
+    SineStar(SineStar),
     /// The ring between two concentric circles: centre, inner and outer radius.
     Ring(Point, f64, f64),
     /// A Gaussian of peak 1: its pixel means along x and y from the first pixel of the bounds.
@@ -42,7 +45,7 @@ impl Object {
 
     /// Whether the shares of its pixels take much longer to compute than to read.
     pub(super) const fn has_costly_edges(&self) -> bool {
-        matches!(self.shape, Shape::Polygons(..) | Shape::Ring(..))
+        matches!(self.shape, Shape::Polygons(..) | Shape::Ring(..) | Shape::SineStar(..))
     }
 
     /// `false` if it surely covers nothing of `area`.
@@ -67,7 +70,7 @@ impl Object {
                 square(far(*x, left, right), far(*y, top, bottom)) > inner.max(0.0).powi(2)
                     && square(near(*x, left, right), near(*y, top, bottom)) < outer.powi(2)
             }
-            Shape::Gaussian(..) => true,
+            Shape::Gaussian(..) | Shape::SineStar(..) => true,
         }
     }
 }
@@ -102,7 +105,10 @@ impl Picture {
         let extent = match &shape {
             Shape::Boxes(boxes) => boxes.iter().copied().reduce(union),
             Shape::Polygons(parts, _) => parts.iter().map(extent).reduce(union),
-            Shape::Ring([x, y], _, r) => Some([x - r, y - r, x + r, y + r]),
+            Shape::Ring([x, y], _, r)
+            | Shape::SineStar(SineStar { disc: Disc { centre: [x, y], radius: r }, .. }) => {
+                Some([x - r, y - r, x + r, y + r])
+            }
             // Added by `gaussian`, with its bounds.
             Shape::Gaussian(..) => None,
         };
@@ -153,6 +159,7 @@ impl Canvas<'_> {
             Shape::Polygons(parts, None) if parts.len() == 1 => self.polygon(&parts[0]),
             Shape::Polygons(parts, disc) => self.polygons(parts, disc.as_ref()),
             Shape::Ring(centre, inner, outer) => self.ring(*centre, *inner, *outer),
+            Shape::SineStar(star) => self.sine_star(star),
             Shape::Gaussian(fx, fy) => self.gaussian(object.bounds, fx, fy),
         }
     }
@@ -260,6 +267,18 @@ impl Canvas<'_> {
                 let share = disc.share(low, x as f64, of_disc);
                 if share > 0.0 {
                     self.blend(y, x, share - hole.share(low, x as f64, of_hole));
+                }
+            }
+        }
+    }
+
+    fn sine_star(&mut self, star: &SineStar) {
+        for y in self.area.y..self.area.bottom() {
+            let half_widths = star.disc.half_widths(y as f64);
+            for x in self.area.x..self.area.right() {
+                let share = star.share(y as f64, x as f64, half_widths);
+                if share > 0.0 {
+                    self.blend(y, x, share);
                 }
             }
         }

@@ -7,6 +7,7 @@ use super::depth_scene::ScenePart;
 use super::error::{ChartError, bad_value};
 use super::fiducials;
 use super::noise;
+use super::sine_star::StarProfile;
 use super::targets::{EdgePlaces, PointShape};
 use crate::bounds::{self, BANDS, FILM_SIDE_PX, PITCH_UM, WAVELENGTH_NM};
 use crate::colour::{FIRST_NM, Illuminant, LAST_NM};
@@ -20,7 +21,7 @@ pub(super) const SIZE_EXPECTED: &str = "a film size N or WxH, each side 1 to 100
 const MAX_ALONG: usize = 128;
 
 /// Name of every kind, and its settings beside `size`, `wavelengths`, `pitch_um`, `overscan`, `illuminant`, `noise` and `fiducials`.
-pub const KINDS: [(&str, &[&str]); 11] = [
+pub const KINDS: [(&str, &[&str]); 13] = [
     ("uniform", &["value"]),
     ("points", &["count", "blob", "width_px"]),
     ("slanted-edge", &["angle_deg", "contrast", "grid", "centers", "patch_px"]),
@@ -28,7 +29,9 @@ pub const KINDS: [(&str, &[&str]); 11] = [
     ("dot-grid", &["count", "width_px"]),
     ("black-spots", &["spots", "diameter"]),
     ("lamp", &["radius", "x", "y"]),
-    ("siemens", &["spokes", "grid"]),
+    ("siemens", &["spokes", "grid", "profile"]),
+    ("dead-leaves", &["seed", "r_min_px", "r_max_px", "contrast"]),
+    ("oecf", &["patches", "density"]),
     ("checker", &[]),
     ("composite", &[]),
     ("depth-scene", &["near_m", "far_m", "part"]),
@@ -101,6 +104,26 @@ pub enum Kind {
         spokes: usize,
         /// Stars along each side.
         grid: usize,
+        /// Reflectance over the angle.
+        profile: StarProfile,
+    },
+    /// Discs of random radius, place and grey that hide each other, in a frame of their mean grey.
+    DeadLeaves {
+        /// Seed of all random numbers.
+        seed: u64,
+        /// Smallest radius, px.
+        r_min_px: f64,
+        /// Largest radius, px.
+        r_max_px: f64,
+        /// Lightest over darkest reflectance.
+        contrast: f64,
+    },
+    /// Grey patches on a circle, equal steps in density, on a background of 18 % (ISO 14524).
+    Oecf {
+        /// Their number.
+        patches: usize,
+        /// Density of the darkest above that of the lightest.
+        density: f64,
     },
     /// The 24 patches of a ColorChecker.
     Checker,
@@ -129,6 +152,8 @@ impl Kind {
             Self::BlackSpots { .. } => "black-spots",
             Self::Lamp { .. } => "lamp",
             Self::Siemens { .. } => "siemens",
+            Self::DeadLeaves { .. } => "dead-leaves",
+            Self::Oecf { .. } => "oecf",
             Self::Checker => "checker",
             Self::Composite => "composite",
             Self::DepthScene { .. } => "depth-scene",
@@ -294,9 +319,18 @@ impl ChartSpec {
                 within("x", column.unwrap_or(0.0), -longest, longest, "a column of the film, px")?;
                 within("y", row.unwrap_or(0.0), -longest, longest, "a row of the film, px")
             }
-            Kind::Siemens { spokes, grid } => {
+            Kind::Siemens { spokes, grid, .. } => {
                 within("spokes", *spokes as f64, 2.0, 720.0, "2 to 720 dark sectors")?;
                 along("grid", *grid)
+            }
+            Kind::DeadLeaves { r_min_px, r_max_px, contrast, .. } => {
+                within("r_min_px", *r_min_px, 1.0, 1e4, "1 to 10000 px")?;
+                within("r_max_px", *r_max_px, *r_min_px, 1e5, "r_min_px to 100000 px")?;
+                within("contrast", *contrast, 1.0, 1e6, "light over dark, 1 to 1e6")
+            }
+            Kind::Oecf { patches, density } => {
+                within("patches", *patches as f64, 2.0, 64.0, "2 to 64 patches")?;
+                within("density", *density, 0.1, 5.0, "a range of density of 0.1 to 5")
             }
             Kind::Checker | Kind::Composite => Ok(()),
             Kind::DepthScene { near_m, far_m, .. } => {
@@ -348,7 +382,14 @@ impl std::fmt::Display for ChartSpec {
                 column.map_or(Ok(()), |x| write!(f, "&x={x}"))?;
                 row.map_or(Ok(()), |y| write!(f, "&y={y}"))
             }
-            Kind::Siemens { spokes, grid } => write!(f, "&spokes={spokes}&grid={grid}"),
+            Kind::Siemens { spokes, grid, profile } => {
+                write!(f, "&spokes={spokes}&grid={grid}")?;
+                if *profile == StarProfile::Sine { write!(f, "&profile=sine") } else { Ok(()) }
+            }
+            Kind::DeadLeaves { seed, r_min_px, r_max_px, contrast } => {
+                write!(f, "&seed={seed}&r_min_px={r_min_px}&r_max_px={r_max_px}&contrast={contrast}")
+            }
+            Kind::Oecf { patches, density } => write!(f, "&patches={patches}&density={density}"),
             Kind::Checker | Kind::Composite => Ok(()),
             Kind::DepthScene { near_m, far_m, part } => {
                 write!(f, "&near_m={near_m}&far_m={far_m}&part={}", part.name())

@@ -1,9 +1,10 @@
 //! Charts with one kind of target each.
 
-use super::coverage::Polygon;
+use super::coverage::{Disc, Polygon};
 use super::drawing::{Drawing, EdgeSite, PatchColour};
 use super::error::ChartError;
 use super::picture::Shape;
+use super::sine_star::{SineStar, StarProfile, StarSite};
 use crate::real;
 
 /// Shape of an isolated point.
@@ -233,15 +234,23 @@ impl Drawing {
     }
 
     /// Stars side by side, `grid` × `grid`.
-    pub(super) fn siemens(&mut self, spokes: usize, grid: usize) {
+    pub(super) fn siemens(&mut self, spokes: usize, grid: usize, profile: StarProfile) {
         self.inks.grey(PAPER);
         let dark = self.inks.grey(INK);
         let (height, width, n) = (self.film.height as f64, self.film.width as f64, grid as f64);
         let radius = 0.45 * height.min(width) / n;
         for i in 0..grid {
             for j in 0..grid {
-                let at = self.at((i as f64 + 0.5) * height / n - 0.5, (j as f64 + 0.5) * width / n - 0.5);
-                self.star(at, radius, spokes, dark);
+                let centre_px = ((i as f64 + 0.5) * height / n - 0.5, (j as f64 + 0.5) * width / n - 0.5);
+                let at = self.at(centre_px.0, centre_px.1);
+                match profile {
+                    StarProfile::Square => self.star(at, radius, spokes, dark),
+                    StarProfile::Sine => {
+                        let disc = Disc { centre: at, radius };
+                        self.picture.add(Shape::SineStar(SineStar { disc, spokes }), dark);
+                    }
+                }
+                self.stars.push(StarSite { centre_px, radius_px: radius, spokes, profile });
             }
         }
     }

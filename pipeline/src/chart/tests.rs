@@ -23,7 +23,7 @@ impl Random {
     }
 }
 
-const CHARTS: [&str; 19] = [
+const CHARTS: [&str; 23] = [
     "checker?size=200x97&noise=0.2&wavelengths=550",
     "uniform?value=3.5&size=40",
     "points?size=301x200&count=5&overscan=7",
@@ -42,6 +42,10 @@ const CHARTS: [&str; 19] = [
     "checker?size=400x300&wavelengths=550&fiducials=35",
     "slanted-edge?size=300x310&wavelengths=550&fiducials=30.25&noise=0.02",
     "uniform?size=200&value=0.01&fiducials=21",
+    "siemens?size=255x200&wavelengths=550&grid=2&spokes=48&profile=sine",
+    "dead-leaves?size=330x301&wavelengths=550&seed=7",
+    "dead-leaves?size=300&wavelengths=550&r_min_px=3&r_max_px=3&contrast=20&fiducials=28&overscan=4",
+    "oecf?size=300x250&wavelengths=550&patches=12&density=2&fiducials=21",
     "depth-scene?size=300x200&wavelengths=550&near_m=0.3&far_m=inf&part=depth",
 ];
 
@@ -119,7 +123,16 @@ fn cost_of_drawing_a_band_with_and_without_kept_shares() {
 #[test]
 fn very_small_and_very_long_films_can_be_drawn() {
     for size in ["1", "7x5", "2x1", "3x400", "64x1"] {
-        for kind in ["uniform", "points?count=1", "slanted-edge", "siemens", "checker", "composite"] {
+        for kind in [
+            "uniform",
+            "points?count=1",
+            "slanted-edge",
+            "siemens",
+            "siemens?profile=sine",
+            "checker",
+            "composite",
+            "dead-leaves",
+        ] {
             let separator = if kind.contains('?') { '&' } else { '?' };
             let chart = generate(&format!("{kind}{separator}size={size}&wavelengths=550&overscan=2"));
             assert_eq!(chart.size().height, chart.film_size().height + 4);
@@ -284,6 +297,13 @@ fn invalid_specification_is_an_error_with_a_hint() {
         ("slanted-edge?centers=5000,5", "on the film"),
         ("slanted-edge?centers=50,50;52,50&patch_px=9", "apart"),
         ("siemens?spokes=1", "2 to 720"),
+        ("siemens?profile=saw", "square or sine"),
+        ("dead-leaves?r_min_px=0.5", "1 to 10000 px"),
+        ("dead-leaves?r_min_px=9&r_max_px=8", "r_min_px to 100000 px"),
+        ("dead-leaves?seed=-1", "a whole number"),
+        ("oecf?patches=1", "2 to 64"),
+        ("oecf?density=6", "0.1 to 5"),
+        ("oecf?size=50&patches=60", "grey patches"),
         ("checker?fiducials=20", "21 to 100000 px"),
         ("checker?fiducials=-7", "21 to 100000 px"),
         ("checker?size=200x300&fiducials=70", "corner marks are 200.0 px apart and need 270.0 px"),
@@ -312,7 +332,7 @@ fn reading_outside_the_chart_is_an_error() {
 #[test]
 #[ignore = "measurement: run alone, in release, with --nocapture"]
 fn reading_speed_per_chart_kind_is_printed() {
-    for kind in ["uniform", "points", "slanted-edge", "siemens", "checker", "composite"] {
+    for kind in ["uniform", "points", "slanted-edge", "siemens", "checker", "composite", "dead-leaves"] {
         let chart = generate(&format!("{kind}?size=14141&wavelengths=550"));
         let mut out = vec![0.0; 512 * 512];
         let (start, mut slowest) = (std::time::Instant::now(), std::time::Duration::ZERO);
@@ -477,4 +497,70 @@ fn patches_have_their_reported_reflectance() {
             }
         }
     }
+}
+
+#[test]
+fn grey_patches_lie_on_a_circle_and_have_equal_steps_of_density() {
+    let chart = generate("oecf?size=900x700&wavelengths=550&overscan=0");
+    let patches = chart.patches_px();
+    assert_eq!(patches.len(), 20);
+    for p in patches {
+        let (y, x) = (p.y as f64 + (p.height as f64 - 1.0) / 2.0, p.x as f64 + (p.width as f64 - 1.0) / 2.0);
+        let radius = (y - 349.5).hypot(x - 449.5);
+        assert!((radius - 0.34 * 700.0).abs() < 1.0 && p.height.abs_diff(p.width) <= 1, "{p}");
+    }
+    let apart = |i: usize, j: usize| patches[i].intersect(patches[j]).is_empty();
+    assert!((0..20).all(|i| (0..i).all(|j| apart(i, j))));
+    let reflectance = chart.patch_reflectance(550.0);
+    assert!((reflectance[19] - 0.9).abs() < 1e-12 && (reflectance[0] - 0.0009).abs() < 1e-12);
+    let level = |rect: Rect| f64::from(read(&chart, 0, rect)[0]);
+    let background = level(Rect::new(0, 0, 1, 1));
+    for (p, reflectance) in std::iter::zip(patches, &reflectance) {
+        assert!((level(*p) / background / (reflectance / 0.18) - 1.0).abs() < 1e-6, "{p}");
+    }
+    let ratios = reflectance.windows(2).map(|r| (r[1] / r[0]).log10());
+    ratios.for_each(|step| assert!((step - 3.0 / 19.0).abs() < 1e-12, "{step}"));
+}
+
+#[test]
+fn stars_are_reported_and_a_sine_has_the_mean_of_ink_and_paper() {
+    for profile in ["square", "sine"] {
+        let chart =
+            generate(&format!("siemens?size=400x300&grid=2&wavelengths=550&overscan=0&profile={profile}"));
+        assert_eq!(chart.stars().len(), 4);
+        let star = chart.stars()[1];
+        assert_eq!((star.centre_px, star.radius_px, star.spokes), ((74.5, 299.5), 67.5, 72));
+        let pixels = read(&chart, 0, chart.size().rect());
+        let (paper, area) = (f64::from(pixels[0]), std::f64::consts::PI * 67.5 * 67.5);
+        let missing: f64 = pixels.iter().map(|v| 1.0 - f64::from(*v) / paper).sum();
+        // Half of each star is ink of 1/30 of the paper.
+        assert!(
+            (missing / (4.0 * area * 0.5 * (1.0 - 1.0 / 30.0)) - 1.0).abs() < 1e-3,
+            "{profile}: {missing}"
+        );
+        // Darkest in the middle of a sector, on +x.
+        let at = |x: usize| f64::from(pixels[74 * 400 + 299 + x]) / paper;
+        assert!(at(60) < 0.4, "{profile}: {}", at(60));
+    }
+    assert!(!generate("siemens?profile=square").spec().to_string().contains("profile"));
+}
+
+#[test]
+fn leaves_fill_the_middle_of_a_frame_of_their_mean() {
+    let chart = generate("dead-leaves?size=400x300&wavelengths=450,550&fiducials=21&contrast=9");
+    let texture = chart.texture_px().unwrap();
+    // 16 modules of 3 px are wider than a tenth of the film.
+    assert_eq!(texture, Rect::new(48, 48, 204, 304));
+    let m = chart.overscan_px() as i64;
+    let in_chart = |r: Rect| Rect { y: r.y + m, x: r.x + m, ..r };
+    for band in 0..2 {
+        let grey = read(&chart, band, in_chart(chart.patches_px()[0]));
+        assert!(grey.iter().all(|v| *v == grey[0]));
+        let mean = f64::from(grey[0]);
+        // 0.08 to 0.72.
+        let leaves = read(&chart, band, in_chart(texture));
+        assert!(leaves.iter().all(|v| (0.2 - 1e-6..=1.8 + 1e-6).contains(&(f64::from(*v) / mean))));
+        assert!(leaves.iter().any(|v| f64::from(*v) / mean < 0.4));
+    }
+    assert_eq!(chart.patch_reflectance(550.0), [0.4, 0.4]);
 }
