@@ -94,7 +94,7 @@ def forecast(chart: Chart, film: PathLike, *, temp_dir: PathLike | None = None, 
 def chart(kind: str, out: PathLike, **flags: "Unpack[f.Chart]") -> "xarray.Dataset":
     """Draws a test chart into a Zarr store: `chart("slanted-edge", "edges.zarr", size=2048, grid=5, pitch_um=2)`.
 
-    kind: uniform, points, slanted-edge, iso12233-esfr, dot-grid, siemens, checker, composite or depth-scene. Returns `chart` (wavelength [nm], y, x),
+    kind: uniform, points, slanted-edge, iso12233-esfr, dot-grid, siemens, dead-leaves, oecf, checker, composite or depth-scene. Returns `chart` (wavelength [nm], y, x),
     lazy. `run("gen:slanted-edge?size=2048&grid=5")` draws it while it is read, without a store.
     """
     execute(arguments(("chart",), [kind, out], flags))
