@@ -27,6 +27,7 @@ mod manual;
 mod measure;
 mod placement;
 mod pyramid;
+mod report;
 mod restore;
 mod run;
 mod scene;
@@ -70,6 +71,7 @@ pub use manual::{CompletionsArgs, HelpArgs, ManArgs};
 pub use measure::MeasureArgs;
 pub use placement::{FitArg, PlacementArgs};
 pub use pyramid::{PyramidArgs, ViewArgs};
+pub use report::{Corners, ReportArgs};
 pub use restore::{RestoreArgs, RestoreMethod};
 pub use run::{FilmUnits, ProcessArgs, RunArgs};
 #[cfg(feature = "mesh")]
@@ -153,6 +155,8 @@ pub enum Command {
     Validate(Box<ValidateArgs>),
     /// Measure edges, points and profiles in a film
     Measure(Box<MeasureArgs>),
+    /// Measure a camera from pictures of charts, or two side by side: resolution, noise, distortion, shading, glare, colour; writes a report
+    Report(Box<ReportArgs>),
     /// Measure the speed of each stage and of a job on this machine
     Bench(BenchArgs),
     /// List the devices of this machine, and compare a GPU's films with the CPU's

@@ -17,6 +17,7 @@ mod measure;
 mod paths;
 mod plan;
 mod pyramid;
+mod report;
 mod restore;
 mod run;
 #[cfg(feature = "mesh")]
@@ -62,6 +63,7 @@ pub fn run(command: &Command, matches: &ArgMatches) -> anyhow::Result<u8> {
         Command::View(_) => Err(anyhow::anyhow!("{}", formats::features::missing("view"))),
         Command::Validate(args) => validate::command(args),
         Command::Measure(args) => measure::command(args).map(|()| 0),
+        Command::Report(args) => report::command(args).map(|()| 0),
         Command::Bench(args) => bench::command(args).map(|()| 0),
         Command::Device(args) => device::command(args),
         Command::Cache(args) => cache::command(args).map(|()| 0),

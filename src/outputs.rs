@@ -3,13 +3,15 @@
 
 mod guard;
 mod job;
+pub mod page;
 mod place;
 
 pub use guard::Guard;
 pub use place::resolve_links;
 
 use crate::failure::other_job;
-use anyhow::Result;
+use anyhow::{Context, Result};
+use std::io::ErrorKind;
 use std::path::Path;
 
 /// Fails (exit code 3) if something exists at `path`, unless `overwrite`.
@@ -27,4 +29,17 @@ pub fn check_absent_in(
     overwrite: bool,
 ) -> Result<()> {
     names.into_iter().try_for_each(|name| check_absent(&directory.join(name), overwrite))
+}
+
+/// Removes a file of an earlier report, if it is there.
+///
+/// # Errors
+/// It cannot be removed.
+pub fn remove_earlier(path: &Path) -> Result<()> {
+    match std::fs::remove_file(path) {
+        Err(e) if e.kind() != ErrorKind::NotFound => {
+            Err(e).with_context(|| format!("removing {} of an earlier report", path.display()))
+        }
+        _ => Ok(()),
+    }
 }

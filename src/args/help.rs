@@ -7,7 +7,7 @@ use clap::CommandFactory;
 const GROUPS: [(&str, &[&str]); 5] = [
     ("Simulate", &["demo", "chart", "scene", "depth", "run", "shoot", "dataset"]),
     ("Lens", &["lens"]),
-    ("Camera", &["sensor", "develop", "compare", "restore"]),
+    ("Camera", &["sensor", "develop", "report", "compare", "restore"]),
     ("Inspect", &["status", "verify", "view", "export", "pyramid", "measure", "validate"]),
     ("Operate", &["plan", "bench", "device", "cache", "help", "completions", "man"]),
 ];

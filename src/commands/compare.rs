@@ -25,13 +25,12 @@ use crate::camera::Developer;
 use crate::camera::frame::{Frame, split_group};
 use crate::failure::usage;
 use crate::machine::threads;
-use crate::outputs::check_absent_in;
+use crate::outputs::{check_absent_in, remove_earlier};
 use crate::progress::log_line;
-use anyhow::{Context, Result};
+use anyhow::Result;
 use formats::durable::{AtomicFile, create_directories, finish_together};
 use formats::raw::{RawSpec, RawStore};
 use serde_json::{Value, json};
-use std::io::ErrorKind;
 use std::path::Path;
 
 /// Files of a comparison.
@@ -205,16 +204,6 @@ impl Pair {
                 format!("note: the raws differ in {differ}: their difference contains the noise of both; expose them with the same {differ}")
             }
         }
-    }
-}
-
-/// Removes a file of an earlier comparison.
-fn remove_earlier(path: &Path) -> Result<()> {
-    match std::fs::remove_file(path) {
-        Err(e) if e.kind() != ErrorKind::NotFound => {
-            Err(e).with_context(|| format!("removing {} of an earlier comparison", path.display()))
-        }
-        _ => Ok(()),
     }
 }
 

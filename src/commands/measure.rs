@@ -4,9 +4,10 @@
 //! its rows), and its pixels are averaged in bins of 1/4 px of distance. Its plateaus are the samples beyond 3/4 of the half width.
 //! Doubtful figures have remarks, meaningless ones are errors ([`quality`]).
 
+pub mod edge_mtf;
 pub mod light;
 mod measurement;
-mod plane;
+pub mod plane;
 pub mod quality;
 
 use crate::args::MeasureArgs;

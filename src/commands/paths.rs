@@ -1,6 +1,6 @@
 //! Inputs and outputs among the arguments of each command, checked before it begins ([`Guard`]).
 
-use super::{compare, export, lens, sensor, shoot, validate};
+use super::{compare, export, lens, report, sensor, shoot, validate};
 use crate::args::{
     ChartArgs, ChartCommand, Command, DesignArgs, DevelopStyle, ExposeArgs, LensCommand, LookArgs, PlanArgs,
     SceneArgs, SensorCommand, ShootArgs,
@@ -96,6 +96,11 @@ fn of_command(command: &Command) -> Result<Guard> {
             .may_write("--json", args.json.as_ref())
             .may_write("--plot", args.plot.as_ref())
             .may_write("--map", args.map.as_ref()),
+        Command::Report(args) => {
+            let pictures = args.pictures.iter().chain(&args.against);
+            let guard = pictures.fold(guard, |guard, name| guard.reads_chart("picture", split_group(name).0));
+            guard.writes_in("--out", &args.out, report::files(args)?)
+        }
         Command::Man(args) => guard.may_write("DIR", args.dir.as_ref()),
         // What `pyramid` and `verify --repair` write belongs to their input.
         Command::Pyramid(args) => guard.reads("film", &args.film),

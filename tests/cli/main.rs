@@ -30,6 +30,7 @@ mod outputs;
 mod plan;
 mod pyramid;
 mod replaced;
+mod report;
 mod restore;
 mod resume;
 mod run_output;

@@ -9,6 +9,7 @@
 //! area within the disc. cos N·φ is the real part of ((x + i·y)/r)^N by repeated squaring: + − × ÷ and square roots, the same bits on every machine.
 
 use super::coverage::{Disc, Point, Polygon};
+use super::targets::{INK, PAPER};
 
 /// Nodes and weights on the unit interval about 0, exact to the fifth degree.
 const NODES: [(f64, f64); 3] =
@@ -39,6 +40,17 @@ pub struct StarSite {
     pub spokes: usize,
     /// Reflectance over the angle.
     pub profile: StarProfile,
+}
+
+impl StarSite {
+    /// Modulation of its fundamental, (max − min)/(max + min) of a sine: 4/π of that of ink and paper where sectors are square.
+    pub fn modulation(&self) -> f64 {
+        let of_sine = (PAPER - INK) / (PAPER + INK);
+        match self.profile {
+            StarProfile::Square => 4.0 / std::f64::consts::PI * of_sine,
+            StarProfile::Sine => of_sine,
+        }
+    }
 }
 
 /// A star of `spokes` periods.

@@ -14,6 +14,10 @@ use super::error::DevelopError;
 use crate::colour::{self, CHECKER_PATCHES, FIRST_NM, Illuminant, LAST_NM};
 use crate::least_squares::{Qr, dot};
 use crate::sensor::Sensor;
+use std::ops::Range;
+
+/// Grey patches of a ColorChecker that determine its brightness: all but the darkest two; colours are before them.
+pub const GREYS: Range<usize> = 18..22;
 
 /// A colour matrix and its errors.
 #[derive(Clone, Debug, PartialEq)]
@@ -43,21 +47,26 @@ impl ColourMatrix {
             let problem = format!("a plane has no response to {}", light.name());
             return Err(DevelopError::Matrix { sensor: sensor.name.clone(), problem });
         }
-        let base = planes - 1;
-        let columns: Vec<Vec<f64>> =
-            (0..base).map(|p| camera.iter().map(|c| c[p] - c[base]).collect()).collect();
-        let qr = Qr::new(columns).ok_or_else(undetermined)?;
-        let row = |c: usize| {
-            let right: Vec<f64> = std::iter::zip(&target, &camera).map(|(t, v)| t[c] - v[base]).collect();
-            let mut row = qr.solve(&right);
-            row.push(1.0 - row.iter().sum::<f64>());
-            row
-        };
-        let rows: Vec<Vec<f64>> = (0..3).map(row).collect();
+        let rows = Self::rows_to(&camera, &target).ok_or_else(undetermined)?;
         let delta_e = std::iter::zip(&camera, &target)
             .map(|(c, t)| difference(std::array::from_fn(|i| dot(&rows[i], c)), *t))
             .collect();
         Ok(Self { rows, delta_e })
+    }
+
+    /// The matrix M from the values `camera` of patches to their linear sRGB; `None` if they do not determine one.
+    pub fn rows_to(camera: &[Vec<f64>], target: &[[f64; 3]]) -> Option<Vec<Vec<f64>>> {
+        let base = camera.first()?.len().checked_sub(1)?;
+        let columns: Vec<Vec<f64>> =
+            (0..base).map(|p| camera.iter().map(|c| c[p] - c[base]).collect()).collect();
+        let qr = Qr::new(columns)?;
+        let row = |c: usize| {
+            let right: Vec<f64> = std::iter::zip(target, camera).map(|(t, v)| t[c] - v[base]).collect();
+            let mut row = qr.solve(&right);
+            row.push(1.0 - row.iter().sum::<f64>());
+            row
+        };
+        Some((0..3).map(row).collect())
     }
 
     /// Mean ΔE2000 of the patches.
@@ -98,6 +107,13 @@ pub fn patch_targets(light: Illuminant) -> Vec<[f64; 3]> {
         colour::xyz_to_linear_srgb(std::array::from_fn(|i| dot(&adapt[i], &xyz)))
     };
     (0..CHECKER_PATCHES).map(patch).collect()
+}
+
+/// Linear sRGB of ColorChecker patches, as bright as the greys of `targets`; `None` if they are dark.
+pub fn scaled_to_greys(found: &[[f64; 3]], targets: &[[f64; 3]]) -> Option<Vec<[f64; 3]>> {
+    let greys = |all: &[[f64; 3]]| all[GREYS].iter().map(|v| v[1]).sum::<f64>();
+    let scale = greys(targets) / greys(found);
+    (scale.is_finite() && scale > 0.0).then(|| found.iter().map(|f| f.map(|v| v * scale)).collect())
 }
 
 /// Balanced response of each plane to each patch; 1 for a white.

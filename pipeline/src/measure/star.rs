@@ -132,11 +132,6 @@ impl Star {
     }
 }
 
-/// Modulation of a star of equal sectors between two reflectances.
-pub fn modulation_of_sectors(dark: f64, light: f64) -> f64 {
-    4.0 / std::f64::consts::PI * (light - dark) / (light + dark)
-}
-
 #[cfg(test)]
 mod tests {
     use super::*;
@@ -178,6 +173,5 @@ mod tests {
     fn a_star_beyond_the_picture_has_no_curve() {
         let star = Star { centre_px: (10.0, 10.0), radius_px: 60.0, pairs: 36 };
         assert_eq!(star.curve(&[0.5; 400], Rect::new(0, 0, 20, 20), &[0.2], 1.0), None);
-        assert!((modulation_of_sectors(0.1, 0.3) - 2.0 / PI).abs() < 1e-15);
     }
 }

@@ -9,6 +9,7 @@
 //! σ is that of one picture: fixed patterns are part of it, as in "total noise" of ISO 15739.
 
 use crate::least_squares::Qr;
+use crate::real;
 
 /// A patch of a grey scale.
 #[derive(Clone, Copy, Debug, PartialEq)]
@@ -96,10 +97,10 @@ pub fn dynamic_range(tones: &[Tone], max_clipped: f64) -> Option<DynamicRange> {
     if below.snr.is_nan() || below.snr <= 0.0 || above.snr.is_infinite() {
         return Some(bound);
     }
-    let share = below.snr.ln() / (below.snr.ln() - above.snr.ln());
-    let least =
-        below.patch.reflectance.ln() + share * (above.patch.reflectance / below.patch.reflectance).ln();
-    Some(DynamicRange { ratio: light.patch.reflectance / least.exp(), is_bound: false })
+    let share = real::log(below.snr) / (real::log(below.snr) - real::log(above.snr));
+    let least = real::log(below.patch.reflectance)
+        + share * real::log(above.patch.reflectance / below.patch.reflectance);
+    Some(DynamicRange { ratio: light.patch.reflectance / real::exp(least), is_bound: false })
 }
 
 #[cfg(test)]

@@ -3,18 +3,15 @@
 
 use super::Pair;
 use crate::camera::Developer;
-use crate::commands::measure::quality::{self, Remark};
-use crate::commands::measure::{PLATEAU, edge_region};
+use crate::commands::measure::edge_mtf::EdgeMtf;
+use crate::commands::measure::{edge_region, quality};
 use crate::failure::{line as message, usage};
 use anyhow::{Context, Result};
 use pipeline::geometry::Rect;
-use pipeline::measure::edge::{EdgeLine, Esf, fit};
-use pipeline::measure::sfr::Mtf;
+use pipeline::measure::edge::{EdgeLine, fit};
+use pipeline::measure::shading::LUMINANCE;
 use serde_json::{Value, json};
 use std::fmt::Write;
-
-/// Luminance of linear sRGB.
-const LUMINANCE: [f32; 3] = [0.2126, 0.7152, 0.0722];
 
 /// An edge.
 pub struct Edge {
@@ -30,14 +27,6 @@ pub struct EdgeCurve {
     pub name: String,
     /// Measurement in both raws, or why there is none.
     pub measured: [Result<EdgeMtf, String>; 2],
-}
-
-/// MTF of an edge, and what makes it doubtful.
-pub struct EdgeMtf {
-    /// The MTF.
-    pub mtf: Mtf,
-    /// Remarks.
-    pub remarks: Vec<Remark>,
 }
 
 impl EdgeCurve {
@@ -106,19 +95,6 @@ pub fn measure(pair: &Pair, developers: &[Developer; 2], line: [f64; 4], half: u
     }
     quality::check_length(length).with_context(|| format!("--edge {x0},{y0},{x1},{y1}"))?;
     let middle = ((y0 + y1) / 2.0, (x0 + x1) / 2.0);
-    let mtf = |pixels: &[f32], line: EdgeLine, own: &dyn Fn(i64, i64) -> bool| -> Result<EdgeMtf> {
-        let (sin, cos) = line.normal_rad.sin_cos();
-        let distance = |y: i64, x: i64| {
-            let at = (y as f64, x as f64);
-            let along = (at.0 - middle.0) * cos - (at.1 - middle.1) * sin;
-            (along.abs() <= length / 2.0 && own(y, x)).then(|| line.distance(at))
-        };
-        let reach = half as f64 - 1.0;
-        let raw = Esf::new(pixels, rect, reach, distance)?;
-        let esf = raw.normalised(PLATEAU * reach)?;
-        let remarks = quality::remarks(line, raw.plateaus(PLATEAU * reach), &esf, PLATEAU * reach)?;
-        Ok(EdgeMtf { mtf: Mtf::from_esf(&esf), remarks })
-    };
     let located = |luminance: &[f32]| -> Result<EdgeLine> {
         let found = fit(luminance, rect, guess, half)
             .context("no edge found between these positions; give positions on the edge, farther apart")?;
@@ -134,7 +110,8 @@ pub fn measure(pair: &Pair, developers: &[Developer; 2], line: [f64; 4], half: u
         let luminance = luminance(&developers[raw], rect)?;
         let found = located(&luminance).map_err(|e| message(&e));
         let curve_of = |pixels: &[f32], own: &dyn Fn(i64, i64) -> bool| {
-            found.clone().and_then(|line| mtf(pixels, line, own).map_err(|e| message(&e)))
+            let mtf = |line| EdgeMtf::new((pixels, rect), line, (middle, length), half, own);
+            found.clone().and_then(|line| mtf(line).map_err(|e| message(&e)))
         };
         curves[0][raw] = Some(curve_of(&luminance, &|_, _| true));
         let pixels = pair.frames[raw].read(rect)?;
@@ -164,6 +141,9 @@ fn luminance(developer: &Developer, rect: Rect) -> Result<Vec<f32>> {
     let linear = developer.linear(rect)?;
     Ok(match developer.channels() {
         1 => linear,
-        _ => linear.as_chunks::<3>().0.iter().map(|c| (0..3).map(|i| LUMINANCE[i] * c[i]).sum()).collect(),
+        _ => {
+            let of = |c: &[f32; 3]| (0..3).map(|i| LUMINANCE[i] as f32 * c[i]).sum();
+            linear.as_chunks::<3>().0.iter().map(of).collect()
+        }
     })
 }

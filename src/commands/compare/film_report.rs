@@ -1,7 +1,8 @@
 //! The files of a comparison of films, its page with difference over wavelength, MTF and tables; and what is printed.
 
 use super::films::{Comparison, Edge};
-use super::report::{MAX_CY_PX, NAMES, page, table};
+use super::report::{MAX_CY_PX, NAMES, page};
+use crate::outputs::page::table;
 use crate::progress::{number, print};
 use anyhow::Result;
 use formats::durable::{AtomicFile, create_directories};

@@ -4,14 +4,10 @@ use crate::camera::Developer;
 use crate::failure::usage;
 use anyhow::Result;
 use pipeline::colour::{CHECKER_PATCHES, Illuminant, checker_names};
-use pipeline::develop::matrix::{difference, patch_targets};
+use pipeline::develop::matrix::{difference, patch_targets, scaled_to_greys};
 use pipeline::geometry::Rect;
 use serde_json::{Value, json};
 use std::fmt::Write;
-use std::ops::Range;
-
-/// Grey patches, which determine the brightness of a ColorChecker.
-const GREYS: Range<usize> = 18..22;
 
 /// A patch.
 pub struct Patch {
@@ -107,7 +103,7 @@ pub fn measure(developers: &[Developer; 2], rects: &[Rect]) -> Result<Vec<Patch>
 fn to_checker(developer: &Developer, found: &[[f64; 3]]) -> Vec<f64> {
     let light = developer.frame.light().unwrap_or(Illuminant::D65);
     let targets = patch_targets(light);
-    let greys = |all: &[[f64; 3]]| all[GREYS].iter().map(|v| v[1]).sum::<f64>();
-    let scale = greys(&targets) / greys(found);
-    std::iter::zip(found, targets).map(|(f, t)| difference(f.map(|v| v * scale), t)).collect()
+    // Dark greys have no scale: their differences are then not numbers.
+    let scaled = scaled_to_greys(found, &targets).unwrap_or_else(|| vec![[f64::NAN; 3]; found.len()]);
+    std::iter::zip(scaled, targets).map(|(f, t)| difference(f, t)).collect()
 }

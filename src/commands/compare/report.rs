@@ -1,9 +1,11 @@
 //! The page of a comparison: figures over image height, MTF, tables.
 
 use super::Pair;
-use super::edges::{Edge, EdgeMtf};
+use super::edges::Edge;
 use super::patches::Patch;
 use super::regions::{Difference, Region};
+use crate::commands::measure::edge_mtf::EdgeMtf;
+use crate::outputs::page::table;
 use crate::progress::print;
 use formats::picture::figure::Figure;
 use formats::picture::plot::{Axis, Plot, Series, stacked};
@@ -149,20 +151,7 @@ pub fn html(
 
 /// A page of this title.
 pub fn page(title: &str, body: &str) -> String {
-    format!(
-        "<!DOCTYPE html>\n<html lang=\"en\"><head><meta charset=\"utf-8\"><title>lenscube compare</title><style>{PAGE}</style></head>\
-         <body><h1>{title}</h1>{body}</body></html>\n"
-    )
-}
-
-/// A table whose first row is its head.
-pub fn table(rows: Vec<Vec<String>>) -> String {
-    let row = |(k, cells): (usize, &Vec<String>)| {
-        let tag = if k == 0 { "th" } else { "td" };
-        let cells: String = cells.iter().map(|c| format!("<{tag}>{}</{tag}>", escape(c))).collect();
-        format!("<tr>{cells}</tr>")
-    };
-    format!("<table>{}</table>", rows.iter().enumerate().map(row).collect::<String>())
+    crate::outputs::page::page("lenscube compare", title, PAGE, body)
 }
 
 /// Figures on stdout.

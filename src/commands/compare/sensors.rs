@@ -8,11 +8,12 @@
 //! Cells divide the part of the film plane that both sensors see, in mm from the optical axis; a pixel belongs to the cell of its centre.
 
 use super::regions::electrons;
-use super::report::{NAMES, page, table};
+use super::report::{NAMES, page};
 use crate::args::CompareArgs;
 use crate::camera::frame::Frame;
 use crate::failure::usage;
 use crate::machine::threads;
+use crate::outputs::page::table;
 use crate::progress::print;
 use anyhow::Result;
 use formats::durable::{AtomicFile, create_directories};

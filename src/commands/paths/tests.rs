@@ -47,6 +47,7 @@ const LINES: &[&str] = &[
     "measure film --points=1,1 --csv=csv --json=json | csv json",
     "measure film --profile=1,1,5,5 --plot=plot.png | plot.png",
     "measure film --flare=9,9,3 --map=map.png | map.png",
+    "report picture --chart=checker --against=against --out=out | out",
     "man dir | dir",
     "pyramid film |",
     "verify film |",
