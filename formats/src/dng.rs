@@ -5,6 +5,7 @@
 //!
 //!   variance = S·x + O of x = (raw − black)/W,   S = g·K/W,   O = (σ_dark² + 1/12)/W²,   W = white − black
 //!
+//! Stored numbers of companding converters become linear by the LinearizationTable; black, white and noise are those of linear numbers.
 //! Shading by the angle of incidence is undone by gain maps ([`GainMaps`]).
 //! A reader that applies ColorMatrix2 to a frame of D65 has the matrix of [`pipeline::develop`]. Source: Adobe, Digital Negative
 //! Specification 1.4.0.0 (2012); TIFF/EP (ISO 12234-2) for CFARepeatPatternDim, CFAPattern and ExposureTime.
@@ -30,7 +31,7 @@ pub struct Dng<'a> {
     pub sensor: &'a str,
     /// Colour of each pixel of a period: rows of 0 (red), 1 (green), 2 (blue); `None`: monochrome.
     pub pattern: Option<Vec<Vec<u8>>>,
-    /// Digital numbers of no light and of saturation.
+    /// Linear digital numbers of no light and of saturation.
     pub black_white_dn: (f64, f64),
     /// Colour and noise; of a monochrome raw only the noise is written.
     pub colour: DngColour,
@@ -40,6 +41,8 @@ pub struct Dng<'a> {
     pub exposure_s: f64,
     /// ISO speed, if known.
     pub iso: Option<f64>,
+    /// Linear number of each stored one, from 0 on; none: they are the same.
+    pub linear_dn: Option<Vec<u16>>,
     /// Gains that undo the shading of the sensor's filters.
     pub gain_maps: Option<GainMaps>,
     /// Text for people.
@@ -100,6 +103,9 @@ fn tags(d: &Dng<'_>) -> Vec<(u16, Value)> {
     ];
     if let Some(iso) = d.iso.filter(|iso| *iso < 65536.0) {
         tags.push((34855, Value::Short(vec![iso.round() as u16])));
+    }
+    if let Some(table) = &d.linear_dn {
+        tags.push((50712, Value::Short(table.clone())));
     }
     if let Some(maps) = &d.gain_maps {
         tags.push((51009, Value::Opaque(maps.opcodes(d.size))));
@@ -169,6 +175,7 @@ mod tests {
             noise: (1e-4, 1e-6),
             exposure_s: 1.0 / 64.0,
             iso: Some(200.0),
+            linear_dn: None,
             gain_maps: None,
             description: "a film of µm",
         }
@@ -217,6 +224,7 @@ mod tests {
             write_dng(&path, &dng(size, pattern.clone()), (16, 2), &|_, _| (), make).unwrap();
             let file = std::fs::read(&path).unwrap();
             let tags = tags_of(&file);
+            assert!(!tags.contains_key(&50712));
             let stored: Vec<u16> = std::iter::zip(longs(&tags[&273]), longs(&tags[&279]))
                 .flat_map(|(first, n)| shorts(&file[first as usize..(first + n) as usize]))
                 .collect();
@@ -242,6 +250,16 @@ mod tests {
                 assert_eq!((shorts(&tags[&50778]), shorts(&tags[&50779])), (vec![17], vec![21]));
             }
         }
+    }
+
+    #[test]
+    fn numbers_of_a_companded_frame_have_a_table() {
+        let folder = tempfile::tempdir().unwrap();
+        let path = folder.path().join("a.dng");
+        let table: Vec<u16> = (0..16).map(|v| v * v).collect();
+        let dng = Dng { linear_dn: Some(table.clone()), ..dng(Size::new(4, 4), None) };
+        write_dng(&path, &dng, (4, 1), &|_, _| (), |_| Ok::<_, ExportError>(vec![3; 16])).unwrap();
+        assert_eq!(shorts(&tags_of(&std::fs::read(&path).unwrap())[&50712]), table);
     }
 
     #[test]

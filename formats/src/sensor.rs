@@ -7,6 +7,7 @@
 mod angle;
 mod builtin;
 mod check;
+mod check_range;
 mod crosstalk;
 mod error;
 mod table;
@@ -26,7 +27,7 @@ use crate::toml_error::located;
 use angle::{AngleFile, PlateFile};
 use crosstalk::CrosstalkFile;
 use table::Quantity;
-use text::{AreaText, FilterText, PitchText, QuantityText, SCHEMA, SensorText};
+use text::{AreaText, CompandingText, DualGainText, FilterText, PitchText, QuantityText, SCHEMA, SensorText};
 
 /// Largest description and table that are read, bytes.
 const MAX_DESCRIPTION: u64 = 1 << 20;
@@ -47,7 +48,7 @@ pub struct SensorFile {
 }
 
 /// Fields that no built-in description has.
-const LATER_FIELDS: [&str; 11] = [
+const LATER_FIELDS: [&str; 17] = [
     "pixel.knee",
     "pixel.blooming",
     "crosstalk.file",
@@ -59,6 +60,12 @@ const LATER_FIELDS: [&str; 11] = [
     "defects.telegraph_pixels",
     "defects.telegraph_e",
     "shutter.row_time_us",
+    "dual_gain.ratio",
+    "dual_gain.bits",
+    "dual_gain.read_noise_e",
+    "dual_gain.transition_dn",
+    "companding.linear_dn",
+    "companding.coded_dn",
 ];
 
 /// Fields that `--set` replaces, as `table.field`: those of the built-in descriptions and a few more.
@@ -141,6 +148,7 @@ impl SensorFile {
         directory: Option<&Path>,
     ) -> Result<Self, SensorError> {
         check::fields(path, &text)?;
+        check_range::fields(path, &text)?;
         let (names, pattern) = check::pattern(path, &text.cfa)?;
         let curves = Curves { path, directory, text: &text };
         let channels = curves.channels(&names)?;
@@ -191,6 +199,8 @@ impl SensorFile {
                 black_dn: a.black_dn,
                 gains: a.gains.clone(),
                 base_iso: a.base_iso,
+                dual_gain: self.text.dual_gain.map(DualGainText::dual_gain),
+                companding: self.text.companding.as_ref().map(CompandingText::companding),
             },
             channels: self.channels.clone(),
             per_energy: self.per_energy(),
@@ -254,6 +264,7 @@ impl SensorFile {
         let text: SensorText =
             serde_json::from_value(record["description"].clone()).map_err(|e| damaged(e.to_string()))?;
         check::fields(path, &text)?;
+        check_range::fields(path, &text)?;
         let (names, pattern) = check::pattern(path, &text.cfa)?;
         let numbers = |v: &Value| -> Option<Vec<f64>> { v.as_array()?.iter().map(Value::as_f64).collect() };
         let curve = |v: &Value| -> Option<Curve> {

@@ -7,7 +7,7 @@
 //! mean (e-)      = max(signal, 0)·κ·t·max(1 + PRNU·z, 0) + D(T)·max(1 + DCNU·z, 0)·t   noise; of hot pixels more: defects
 //! charge (e-)    = held(Poisson(mean)) + received; min(Poisson(mean), full well) without knee and blooming    noise, quantile, overflow
 //! read (e-)      = (charge + DSNU·z + reset·z + read·z + column offset·z + row·z)·(1 + column gain·z)
-//! raw (DN)       = clip(⌊black + g·K·read + adc·z + ½⌋, 0, 2^bits − 1)
+//! raw (DN)       = clip(⌊black + g·K·read + adc·z + ½⌋, 0, 2^bits − 1)               two readings of two gains: dual_gain; coded by a curve: companding
 //! ```
 //!
 //! ⟨E_b⟩ (W m⁻² nm⁻¹) is the mean of the film's band b over the pixel's aperture, w_cb (nm/J) the weight of the band behind the filter, A
@@ -15,6 +15,8 @@
 //! conversion at gain 1. The signal is rounded to f32 once; all that follows starts from that. PRNU is applied before the Poisson number: it is a
 //! share of light that is not caught, so it has shot noise. PRNU, DCNU, DSNU and the column terms belong to the die and are the same in
 //! every frame; shot, reset, read, converter and row noise belong to the frame.
+//!
+//! Wherever no other is named, a digital number is a linear one: before the curve of a companded raw.
 //!
 //! Left out: lag, black sun, non-linearity of the electronics, motion. A raw of a given signal has the same bits on every
 //! machine, in any region, order and number of threads.
@@ -26,10 +28,12 @@
 //!   the colour that filters belong to. **mosaic**: one filter per pixel; **demosaicing** interpolates every plane at every pixel.
 
 pub mod angle;
+pub mod companding;
 pub mod crosstalk;
 mod curve;
 pub mod defects;
 pub mod diffusion;
+pub mod dual_gain;
 pub mod emva;
 pub mod exposure;
 pub mod field_weights;
@@ -48,9 +52,11 @@ pub mod spread;
 pub mod stream;
 mod variance;
 
+pub use companding::Companding;
 pub use crosstalk::Crosstalk;
 pub use curve::Curve;
 pub use defects::Defects;
+pub use dual_gain::DualGain;
 pub use exposure::{Exposure, SignalHistogram};
 pub use figures::{NoiseFigures, NoiseSet};
 pub use model::{Adc, Channel, Pattern, Pixel, QuantumEfficiencyOf, Sensor};

@@ -37,6 +37,8 @@ pub struct Frame {
     bracket: Option<(Bracket, Vec<usize>)>,
     /// Whether pixels that differ from their neighbours by more than noise are replaced.
     corrects_defects: bool,
+    /// Linear number of every stored one, where they differ.
+    linear_dn: Option<Vec<f32>>,
 }
 
 /// `PATH//array` of a group; an empty name without `//`. Unlike charts, a film or raw is always the group, also where the directory of
@@ -97,6 +99,7 @@ impl Frame {
         let sensor = SensorFile::from_record(path, &attributes.get("sensor").cloned().unwrap_or_default())
             .map_err(|e| usage(format!("raw {shown} does not describe its sensor: {e}")))?
             .sensor(layout.pitch_um);
+        let linear_dn = sensor.adc.linear_table();
         let gain = attributes.get("gain").and_then(Value::as_f64).filter(|g| *g > 0.0);
         let gain = gain.ok_or_else(|| usage(format!("raw {shown} does not record its gain")))?;
         let options = ChartOptions {
@@ -123,6 +126,7 @@ impl Frame {
             spec: layout,
             bracket: None,
             corrects_defects: false,
+            linear_dn,
         })
     }
 
@@ -171,7 +175,21 @@ impl Frame {
         self.bracket.as_ref().map_or(1.0, |(bracket, _)| bracket.range())
     }
 
-    /// Digital numbers of pixels of the array; of frames that are read as one, those that this frame would have without an end.
+    /// Numbers of pixels of the array as they are stored: coded ones of a companded raw.
+    pub fn read_stored(&self, rect: Rect) -> Result<Vec<f32>> {
+        let mut pixels = vec![0.0; rect.size().pixels()];
+        self.store.read_rect(self.frame, rect, &mut pixels)?;
+        Ok(pixels)
+    }
+
+    /// Linear numbers in place of stored ones, or of means of them (levels of a pyramid), which are whole numbers.
+    pub fn linearize(&self, numbers: &mut [f32]) {
+        if let Some(table) = &self.linear_dn {
+            numbers.iter_mut().for_each(|v| *v = table[(*v as usize).min(table.len() - 1)]);
+        }
+    }
+
+    /// Linear digital numbers of pixels of the array; of frames that are read as one, those that this frame would have without an end.
     pub fn read(&self, rect: Rect) -> Result<Vec<f32>> {
         match &self.bracket {
             None => self.read_frame(self.frame, rect),
@@ -186,6 +204,7 @@ impl Frame {
         let numbers = |rect: Rect| -> Result<Vec<f32>> {
             let mut pixels = vec![0.0; rect.size().pixels()];
             self.store.read_rect(frame, rect, &mut pixels)?;
+            self.linearize(&mut pixels);
             Ok(pixels)
         };
         if !self.corrects_defects {

@@ -7,6 +7,7 @@ mod catalogue;
 mod crosstalk;
 mod interruption;
 mod light;
+mod range;
 mod time;
 
 const USAGE: i32 = 2;

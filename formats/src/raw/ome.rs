@@ -1,7 +1,7 @@
 //! The attribute `ome` of a raw with a pyramid: OME-Zarr 0.5, `multiscales` and `omero`.
 //!
 //! Averaged over a period of the mosaic, the centres of the first pixels of a level lie as [`crate::pyramid::ome`] has it. `omero` names the
-//! frames and their range from black to white; the first is shown.
+//! frames and their range from black to white, in the numbers that the arrays hold; the first is shown.
 
 use serde_json::{Value, json};
 
@@ -10,9 +10,13 @@ use crate::pyramid::ome;
 
 /// The attribute `ome`.
 pub(super) fn ome_attribute(raw: &RawStore) -> Value {
-    let number =
-        |key: &str, default: f64| raw.attributes().get(key).and_then(Value::as_f64).unwrap_or(default);
-    let (black, white) = (number("black_dn", 0.0), number("white_dn", 65535.0));
+    let attributes = raw.attributes();
+    let number = |key: &str, coded: &str, default: f64| {
+        let stored = attributes.get("companding").map(|curve| &curve[coded]);
+        stored.or(attributes.get(key)).and_then(Value::as_f64).unwrap_or(default)
+    };
+    let black = number("black_dn", "black_coded_dn", 0.0);
+    let white = number("white_dn", "white_coded_dn", 65535.0);
     let channel = |(frame, seconds): (usize, &f64)| {
         json!({
             "label": format!("frame {frame}, {seconds} s"),

@@ -70,7 +70,6 @@ pub(super) fn fields(path: &Path, t: &SensorText) -> Result<(), SensorError> {
     }
     within("adc.bits", f64::from(a.bits), (1.0, 16.0))?;
     above("adc.gain_dn_per_e", a.gain_dn_per_e, 1e6)?;
-    within("adc.black_dn", a.black_dn, (0.0, f64::from((1u32 << a.bits) - 2)))?;
     for gain in &a.gains {
         within("adc.gains", *gain, (1.0, 64.0))?;
     }

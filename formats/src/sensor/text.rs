@@ -2,7 +2,7 @@
 
 use std::collections::BTreeMap;
 
-use pipeline::sensor::{Defects, NoiseFigures};
+use pipeline::sensor::{Companding, Defects, DualGain, NoiseFigures};
 use serde::{Deserialize, Serialize};
 
 /// What marks a description.
@@ -22,6 +22,10 @@ pub(super) struct SensorText {
     #[serde(skip_serializing_if = "Option::is_none")]
     pub shutter: Option<ShutterText>,
     pub adc: AdcText,
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub dual_gain: Option<DualGainText>,
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub companding: Option<CompandingText>,
     pub spectral: SpectralText,
     #[serde(skip_serializing_if = "Option::is_none")]
     pub angle: Option<AngleText>,
@@ -234,4 +238,35 @@ pub(super) struct CrosstalkText {
 #[serde(deny_unknown_fields)]
 pub(super) struct ShutterText {
     pub row_time_us: f64,
+}
+
+/// A second reading of each exposure, of a lower conversion gain. Fields that are missing are out of range, so that `--set` gives one after the other.
+#[derive(Clone, Copy, Debug, Default, Deserialize, Serialize)]
+#[serde(deny_unknown_fields, default)]
+pub(super) struct DualGainText {
+    pub ratio: f64,
+    pub bits: u32,
+    pub read_noise_e: f64,
+    pub transition_dn: (f64, f64),
+}
+
+impl DualGainText {
+    pub(super) fn dual_gain(self) -> DualGain {
+        let Self { ratio, bits, read_noise_e, transition_dn } = self;
+        DualGain { ratio, bits, read_noise_e, transition_dn }
+    }
+}
+
+/// Knee points from linear numbers to those of a raw.
+#[derive(Clone, Debug, Default, Deserialize, Serialize)]
+#[serde(deny_unknown_fields, default)]
+pub(super) struct CompandingText {
+    pub linear_dn: Vec<f64>,
+    pub coded_dn: Vec<f64>,
+}
+
+impl CompandingText {
+    pub(super) fn companding(&self) -> Companding {
+        Companding { linear_dn: self.linear_dn.clone(), coded_dn: self.coded_dn.clone() }
+    }
 }

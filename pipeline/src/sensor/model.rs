@@ -1,9 +1,11 @@
 //! What a sensor is: pixels, noises, converter, mosaic, and the figures that follow from them.
 
 use super::angle::{AngularResponse, Plate};
+use super::companding::Companding;
 use super::crosstalk::Crosstalk;
 use super::curve::Curve;
 use super::defects::Defects;
+use super::dual_gain::{self, DualGain};
 use super::figures::{NoiseFigures, NoiseSet};
 use super::overflow::Overflow;
 use super::quantile;
@@ -43,9 +45,9 @@ pub struct Pixel {
 /// The converter.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Adc {
-    /// Bits, at most 16.
+    /// Bits of a number of a raw, at most 16.
     pub bits: u32,
-    /// Digital numbers per electron at gain 1.
+    /// Digital numbers per electron at gain 1; of two gains, of the higher one.
     pub gain_dn_per_e: f64,
     /// Digital number of no charge.
     pub black_dn: f64,
@@ -53,6 +55,51 @@ pub struct Adc {
     pub gains: Vec<f64>,
     /// ISO of gain 1.
     pub base_iso: Option<f64>,
+    /// A second reading of a lower conversion gain; none: one reading.
+    pub dual_gain: Option<DualGain>,
+    /// Curve from linear numbers to those of a raw; none: they are the same.
+    pub companding: Option<Companding>,
+}
+
+impl Adc {
+    /// Largest number of a raw.
+    pub fn max_dn(&self) -> f64 {
+        ((1u32 << self.bits) - 1).into()
+    }
+
+    /// Largest linear number.
+    pub fn max_linear_dn(&self) -> f64 {
+        self.companding.as_ref().map_or(self.max_dn(), Companding::max_linear_dn)
+    }
+
+    /// Number of a raw for a linear one.
+    pub fn stored_dn(&self, linear_dn: f64) -> f64 {
+        let coded = self.companding.as_ref().map_or(linear_dn, |curve| curve.coded(linear_dn));
+        dual_gain::whole(coded, self.max_dn())
+    }
+
+    /// Linear number of one of a raw.
+    pub fn linear_dn(&self, stored_dn: f64) -> f64 {
+        self.companding.as_ref().map_or(stored_dn, |curve| curve.linear(stored_dn))
+    }
+
+    /// Linear number of every number of a raw; none if they are the same.
+    pub fn linear_table(&self) -> Option<Vec<f32>> {
+        let curve = self.companding.as_ref()?;
+        Some((0..1u32 << self.bits).map(|coded| curve.linear(coded.into()) as f32).collect())
+    }
+
+    /// Linear number of a charge without noise, before the last rounding.
+    fn noiseless_dn(&self, gain: f64, charge_e: f64) -> f64 {
+        let above_dn = gain * self.gain_dn_per_e * charge_e;
+        match &self.dual_gain {
+            None => self.black_dn + above_dn,
+            Some(dual) => {
+                let low_dn = self.black_dn + above_dn / dual.ratio;
+                dual.combined(self.black_dn + above_dn, low_dn, self.black_dn)
+            }
+        }
+    }
 }
 
 /// A kind of filter of the mosaic.
@@ -132,20 +179,18 @@ impl Sensor {
         side * side * 1e-12
     }
 
-    /// Largest digital number.
-    pub fn max_dn(&self) -> f64 {
-        ((1u32 << self.adc.bits) - 1).into()
-    }
-
     /// Charge at which the well or the converter ends, whichever is first, e-.
     pub fn saturation_e(&self, gain: f64) -> f64 {
-        let converter = (self.max_dn() - self.adc.black_dn) / (gain * self.adc.gain_dn_per_e);
-        self.pixel.full_well_e.min(converter)
+        let (adc, dn_per_e) = (&self.adc, gain * self.adc.gain_dn_per_e);
+        let converter = (adc.max_linear_dn() - adc.black_dn) / dn_per_e;
+        let low = adc.dual_gain.map(|low| low.ratio * (low.max_dn() - adc.black_dn) / dn_per_e);
+        self.pixel.full_well_e.min(converter).min(low.unwrap_or(f64::INFINITY))
     }
 
     /// Digital number of saturation.
     pub fn white_dn(&self, gain: f64) -> f64 {
-        (self.adc.black_dn + gain * self.adc.gain_dn_per_e * self.saturation_e(gain) + 0.5).floor()
+        let linear_dn = self.adc.noiseless_dn(gain, self.saturation_e(gain));
+        self.adc.linear_dn(self.adc.stored_dn(linear_dn))
     }
 
     /// Dark current at a temperature (the reference's if none), e-/s.

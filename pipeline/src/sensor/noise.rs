@@ -3,7 +3,9 @@
 //! A tile is computed row by row, [`LANES`] pixels at a time, each step over all of them before the next, so that the compiler vectorizes
 //! the steps. A quantity whose noise is off or whose standard deviation is 0 draws no numbers; its terms drop out exactly.
 
+use super::companding::Companding;
 use super::defects::{Defects, amplitude};
+use super::dual_gain::{DualGain, whole};
 use super::flicker::Flicker;
 use super::lanes::Set;
 use super::overflow::Overflow;
@@ -32,6 +34,9 @@ pub struct Exposer {
     black_dn: f64,
     dn_per_e: f64,
     max_dn: f64,
+    /// The low conversion gain, its read noise 0 where it is off.
+    dual_gain: Option<DualGain>,
+    companding: Option<Companding>,
     seed: u64,
     die: u64,
     frame: u32,
@@ -87,7 +92,12 @@ impl Exposer {
             overflow: sensor.pixel.overflow,
             black_dn: sensor.adc.black_dn,
             dn_per_e: e.gain * sensor.adc.gain_dn_per_e,
-            max_dn: sensor.max_dn(),
+            max_dn: sensor.adc.max_dn(),
+            dual_gain: sensor
+                .adc
+                .dual_gain
+                .map(|dual| DualGain { read_noise_e: e.noise.on(NoiseSet::READ, dual.read_noise_e), ..dual }),
+            companding: sensor.adc.companding.clone(),
             seed: e.seed,
             die: e.die,
             frame: e.frame,
@@ -310,36 +320,73 @@ fn expose_lanes(row: &ExposeRow<'_>, first: usize, signal: Lanes) -> [u16; LANES
     if s.reset_noise_e != 0.0 {
         add_noise(&mut charge, s.reset_noise_e, &reset[0]);
     }
-    if s.read_noise_e != 0.0 {
-        add_noise(&mut charge, s.read_noise_e, &of_read);
+    let mut dn = reading(
+        row,
+        (first, column),
+        charge,
+        &Reading { read_noise_e: s.read_noise_e, dn_per_e: e.dn_per_e, u: [&of_read, &reset[1]] },
+    );
+    if let Some(dual) = &e.dual_gain {
+        let u = match dual.read_noise_e != 0.0 || s.adc_noise_dn != 0.0 {
+            true => uniforms(Stream::LowGain, row.row, column, e.frame, e.seed),
+            false => [[0.5; LANES]; 2],
+        };
+        let low = reading(
+            row,
+            (first, column),
+            charge,
+            &Reading {
+                read_noise_e: dual.read_noise_e,
+                dn_per_e: e.dn_per_e / dual.ratio,
+                u: [&u[0], &u[1]],
+            },
+        );
+        std::iter::zip(&mut dn, &low).for_each(|(v, low)| *v = dual.combined(*v, *low, e.black_dn));
+    }
+    if let Some(curve) = &e.companding {
+        dn = dn.map(|v| curve.coded(v));
+    }
+    dn.map(|v| whole(v, e.max_dn) as u16)
+}
+
+/// One reading of a charge.
+struct Reading<'a> {
+    read_noise_e: f64,
+    dn_per_e: f64,
+    /// Uniform numbers of the noises of reading and converter.
+    u: [&'a Lanes; 2],
+}
+
+/// Numbers before rounding of a reading of `charge` in [`LANES`] pixels from column `first` of the tile on, `column` of the sensor.
+#[inline(always)]
+fn reading(row: &ExposeRow<'_>, (first, column): (usize, u32), mut charge: Lanes, of: &Reading<'_>) -> Lanes {
+    let e = row.exposer;
+    if of.read_noise_e != 0.0 {
+        add_noise(&mut charge, of.read_noise_e, of.u[0]);
     }
     if e.defects.telegraph_pixels != 0.0 {
-        let of = e.defects;
+        let defects = e.defects;
         let v = uniforms(Stream::Defects, row.row, column, 0, e.die)[1];
         let w = uniforms(Stream::Telegraph, row.row, column, e.frame, e.seed)[0];
         for (charge, (v, w)) in std::iter::zip(&mut charge, std::iter::zip(&v, &w)) {
-            let half = 0.5 * of.telegraph_e * amplitude(*v, of.telegraph_pixels);
+            let half = 0.5 * defects.telegraph_e * amplitude(*v, defects.telegraph_pixels);
             *charge += if *w < 0.5 { -half } else { half };
         }
     }
     if !row.column_offset_e.is_empty() {
         std::iter::zip(&mut charge, &row.column_offset_e[first..]).for_each(|(v, offset)| *v += offset);
     }
-    if s.row_noise_e != 0.0 {
+    if e.sigma.row_noise_e != 0.0 {
         charge.iter_mut().for_each(|v| *v += row.offset_e);
     }
     if !row.column_gain.is_empty() {
         std::iter::zip(&mut charge, &row.column_gain[first..]).for_each(|(v, gain)| *v *= 1.0 + gain);
     }
-    let mut dn = charge.map(|v| e.black_dn + e.dn_per_e * v);
-    if s.adc_noise_dn != 0.0 {
-        add_noise(&mut dn, s.adc_noise_dn, &reset[1]);
+    let mut dn = charge.map(|v| e.black_dn + of.dn_per_e * v);
+    if e.sigma.adc_noise_dn != 0.0 {
+        add_noise(&mut dn, e.sigma.adc_noise_dn, of.u[1]);
     }
-    dn.map(|v| {
-        let rounded = (v + 0.5).floor();
-        let low = if rounded > 0.0 { rounded } else { 0.0 };
-        (if low < e.max_dn { low } else { e.max_dn }) as u16
-    })
+    dn
 }
 
 /// Pixels of a raw at its ends.

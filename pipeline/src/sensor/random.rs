@@ -22,6 +22,8 @@ pub enum Stream {
     Row = 2,
     /// Frame: state of telegraph noise.
     Telegraph = 3,
+    /// Frame: read noise; noise of the converter, both of the low conversion gain.
+    LowGain = 4,
     /// Die: PRNU; DSNU.
     PrnuDsnu = 16,
     /// Die: dark current.

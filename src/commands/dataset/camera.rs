@@ -224,7 +224,10 @@ impl<'a> Camera<'a> {
     pub fn develop(&self, raw: &Raw, draw: &Draw, bands: &Bands) -> Result<(Vec<f32>, usize)> {
         let development = self.development(raw.size, draw, bands)?;
         let size = development.size();
-        let values: Vec<f32> = raw.numbers.iter().map(|v| f32::from(*v)).collect();
+        let values: Vec<f32> = match self.sensors[draw.sensor].adc.linear_table() {
+            None => raw.numbers.iter().map(|v| f32::from(*v)).collect(),
+            Some(table) => raw.numbers.iter().map(|v| table[usize::from(*v)]).collect(),
+        };
         Ok((development.develop(&values, Shading::None, size.rect()), development.channels()))
     }
 

@@ -113,6 +113,17 @@ impl RawJob {
             "film_scale": times.scale,
             "signal_identity": self.signal_identity,
         };
+        if let Some(curve) = &s.adc.companding {
+            // black_dn and white_dn are linear numbers; an array of the raw holds coded ones.
+            let coded = |linear_dn: f64| s.adc.stored_dn(linear_dn);
+            let companding = json!({
+                "linear_dn": curve.linear_dn,
+                "coded_dn": curve.coded_dn,
+                "black_coded_dn": coded(s.adc.black_dn),
+                "white_coded_dn": coded(s.white_dn(self.gain)),
+            });
+            attributes.insert("companding".into(), companding);
+        }
         let response_map = self.response_map();
         if !response_map.is_null() {
             attributes.insert(RESPONSE_MAP.into(), response_map);

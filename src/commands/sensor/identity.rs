@@ -84,6 +84,14 @@ fn electronics(sensor: &Sensor) -> String {
     if p.overflow != Overflow::NONE {
         parts.push(json!(["overflow", p.overflow.knee, p.overflow.blooming]));
     }
+    if let Some(dual) = &a.dual_gain {
+        let (first, last) = dual.transition_dn;
+        let numbers = [dual.ratio, f64::from(dual.bits), dual.read_noise_e, first, last];
+        parts.push(json!(["dual_gain", numbers]));
+    }
+    if let Some(curve) = &a.companding {
+        parts.push(json!(["companding", curve.linear_dn, curve.coded_dn]));
+    }
     digest(&Value::Array(parts))
 }
 

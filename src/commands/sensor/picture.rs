@@ -33,6 +33,9 @@ const ROWS: usize = 64;
 /// Pixels of 16 bits from which on a classic TIFF, of less than 4 GiB, is too small.
 const MAX_DNG_PIXELS: usize = ((1 << 32) - (1 << 24)) / 2;
 
+/// Greatest linear number of a DNG.
+const MAX_DNG_DN: f64 = 65535.0;
+
 /// Format of a file.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum FileFormat {
@@ -110,7 +113,7 @@ pub fn command(args: &ExposeArgs, film: &str, (out, format): (&Path, FileFormat)
     Ok(0)
 }
 
-/// Fails for a sensor or size that DNG cannot hold.
+/// Fails for a sensor, numbers or a size that DNG cannot hold.
 fn check_dng(sensor: &Sensor, rect: Rect, out: &Path) -> Result<()> {
     if sensor.planes().len() > 1 && dng_pattern(sensor, (0, 0)).is_none() {
         return Err(usage(format!(
@@ -120,6 +123,13 @@ fn check_dng(sensor: &Sensor, rect: Rect, out: &Path) -> Result<()> {
             sensor.pattern.rows,
             sensor.pattern.columns,
             sensor.planes().join(", ")
+        )));
+    }
+    if sensor.adc.max_linear_dn() > MAX_DNG_DN {
+        return Err(usage(format!(
+            "{}: companding.linear_dn ends at {} DN, but the LinearizationTable of a DNG ends at {MAX_DNG_DN}; write .zarr and develop it",
+            out.display(),
+            sensor.adc.max_linear_dn()
         )));
     }
     if rect.size().pixels() >= MAX_DNG_PIXELS {
@@ -188,7 +198,7 @@ fn neutral_light(args: &ExposeArgs, frame: &Frame, out: &Path, coloured: bool) -
     })
 }
 
-/// S and O of the noise profile: only of noises that are on. The variance is S·x + O of x = (DN − black)/(white − black), which contains the
+/// S and O of the noise profile: only of noises that are on, and of two conversion gains of the high one. The variance is S·x + O of x = (DN − black)/(white − black), which contains the
 /// mean dark charge: S·x has its shot noise.
 fn noise_profile(job: &RawJob, seconds: f64) -> (f64, f64) {
     let (s, e) = (&job.sensor, &job.exposure);
@@ -197,6 +207,11 @@ fn noise_profile(job: &RawJob, seconds: f64) -> (f64, f64) {
     let share_per_e = job.gain * s.adc.gain_dn_per_e / (s.white_dn(job.gain) - s.adc.black_dn);
     let offset_e2 = dark.frames_e2 + dark.rounding_e2 + dark.fixed_e2;
     (e.noise.on(NoiseSet::SHOT, share_per_e), share_per_e * share_per_e * offset_e2)
+}
+
+/// Linear numbers of all stored ones, where they differ; they are at most 16 bits ([`check_dng`]).
+fn linearization(sensor: &Sensor) -> Option<Vec<u16>> {
+    Some(sensor.adc.linear_table()?.iter().map(|v| (v + 0.5) as u16).collect())
 }
 
 /// Writes the file from the raw.
@@ -218,7 +233,7 @@ fn convert(
         if cancel.load(Relaxed) {
             bail!("interrupted");
         }
-        frame.read(Rect::new(rows.start as i64, 0, rows.len(), rect.width))
+        frame.read_stored(Rect::new(rows.start as i64, 0, rows.len(), rect.width))
     };
     let comment = format!(
         "lenscube {} sensor: {}, raw of job {}, {:.6e} s, gain {}, seed {}, die {}",
@@ -248,6 +263,7 @@ fn convert(
             noise: noise_profile(job, frame.exposure_s()),
             exposure_s: frame.exposure_s(),
             iso: sensor.adc.base_iso.map(|iso| iso * frame.gain),
+            linear_dn: linearization(sensor),
             gain_maps: gain_maps(&frame)?,
             description: &comment,
         };
@@ -256,9 +272,9 @@ fn convert(
     } else {
         let (scale, meaning) = match args.keep_dn {
             true => (1.0, "values are DN".to_owned()),
-            false => (65535.0 / sensor.max_dn() as f32, format!("65535 is {} DN", sensor.max_dn())),
+            false => (65535.0 / sensor.adc.max_dn() as f32, format!("65535 is {} DN", sensor.adc.max_dn())),
         };
-        if !args.keep_dn && sensor.max_dn() < 65535.0 {
+        if !args.keep_dn && sensor.adc.max_dn() < 65535.0 {
             log_line(format!(
                 "note: {}: {meaning}; --keep-dn writes digital numbers as they are",
                 out.display()

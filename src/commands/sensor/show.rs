@@ -71,8 +71,12 @@ fn figures(file: &SensorFile, s: &Sensor) -> Vec<String> {
         ),
     ];
     lines.extend(overflow(s));
+    lines.extend([format!(
+        "  converter         {} bits, {} DN/e-, black {} DN",
+        a.bits, a.gain_dn_per_e, a.black_dn
+    )]);
+    lines.extend(range(s));
     lines.extend([
-        format!("  converter         {} bits, {} DN/e-, black {} DN", a.bits, a.gain_dn_per_e, a.black_dn),
         format!("  dark              {} (RMS)", noises(s, Over::Frames)),
         format!(
             "  dark current      {} e-/s at {} °C, doubling every {} K",
@@ -166,6 +170,28 @@ fn defects(s: &Sensor) -> Option<String> {
         parts.push(format!("a row starts every {} µs", number(1e6 * s.row_time_s)));
     }
     (!parts.is_empty()).then(|| format!("  defects, rows     {}", parts.join("; ")))
+}
+
+/// Two conversion gains, and the curve of a companding converter.
+fn range(s: &Sensor) -> Vec<String> {
+    let mut lines = Vec::new();
+    if let Some(dual) = &s.adc.dual_gain {
+        let (first, last) = dual.transition_dn;
+        lines.push(format!(
+            "  dual gain         1:{} in two readings of {} bits; the low one has a read noise of {} e- and is used above {} to {} DN of the high one",
+            number(dual.ratio),
+            dual.bits,
+            number(dual.read_noise_e),
+            number(first),
+            number(last)
+        ));
+    }
+    if let Some(curve) = &s.adc.companding {
+        let points = std::iter::zip(&curve.linear_dn, &curve.coded_dn);
+        let points: Vec<String> = points.map(|(x, y)| format!("{x} -> {y}")).collect();
+        lines.push(format!("  companding        {} DN", points.join(", ")));
+    }
+    lines
 }
 
 /// How pixels fill and overflow, where the full well is more than a limit.

@@ -274,8 +274,8 @@ impl Writer<'_> {
                 exposer.expose_with(tile, received_e, rect, &mut numbers);
                 exposed_s = thread_core_s();
                 let (white, black) = (sensor.white_dn(self.job.gain), sensor.adc.black_dn);
-                let ends = clipped(&numbers, white);
-                let tenth = black + 0.1 * (white - black);
+                let ends = clipped(&numbers, sensor.adc.stored_dn(white));
+                let tenth = sensor.adc.stored_dn(black + 0.1 * (white - black));
                 let lit = numbers.iter().filter(|v| f64::from(**v) > tenth).count() as u64;
                 let bytes = self.store.commit_counts(shard, &numbers)?;
                 let mut done = self.done.lock().expect("no panic while held");

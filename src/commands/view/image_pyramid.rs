@@ -225,7 +225,7 @@ impl ImagePyramid {
                 let needs = development.needs(rect);
                 values.resize(needs.size().pixels(), 0.0);
                 self.read(level, frame, needs, &mut values, cancel)?;
-                return Ok(LinearValues::Developed(Mosaic::develop(&development, &values, rect)));
+                return Ok(LinearValues::Developed(mosaic.develop(&development, &mut values, rect)));
             }
             Mode::Colour(light) => light,
         };

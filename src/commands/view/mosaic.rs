@@ -101,8 +101,9 @@ impl Mosaic {
         Ok(Development::new(Recipe { size, ..recipe }, origin)?)
     }
 
-    /// Red, green and blue of the part `rect` from the digital numbers that the development needs.
-    pub fn develop(development: &Development, raw: &[f32], rect: Rect) -> Vec<[f32; 3]> {
+    /// Red, green and blue of the part `rect` from the stored numbers that the development needs, which become linear.
+    pub fn develop(&self, development: &Development, raw: &mut [f32], rect: Rect) -> Vec<[f32; 3]> {
+        self.frame.linearize(raw);
         let linear = development.develop(raw, Shading::None, rect);
         match development.channels() {
             1 => linear.iter().map(|v| [*v; 3]).collect(),
@@ -110,8 +111,9 @@ impl Mosaic {
         }
     }
 
-    /// Digital numbers as shares of the range from black to white.
+    /// Stored numbers as linear shares of the range from black to white.
     pub fn normalize(&self, counts: &mut [f32]) {
+        self.frame.linearize(counts);
         let (black, white) = self.frame.black_white_dn();
         let (black, range) = (black as f32, (white - black) as f32);
         counts.iter_mut().for_each(|v| *v = (*v - black) / range);
@@ -144,7 +146,7 @@ impl Mosaic {
         (spec.pitch_um, (down, axis(spec.sensor.width, spec.centre_mm.1, rect.x)))
     }
 
-    /// What is known of a pixel whose digital numbers are `counts`, frame by frame: electrons e⁻ = (DN − black)/(g·K), and those of the
+    /// What is known of a pixel whose stored numbers are `counts`, frame by frame: electrons e⁻ = (DN − black)/(g·K), and those of the
     /// signal without noise, if it was kept.
     pub fn pixel(&self, y: usize, x: usize, counts: &[f32]) -> Result<Value> {
         let (frame, sensor) = (&self.frame, &self.frame.sensor);
@@ -160,11 +162,14 @@ impl Mosaic {
             }
         };
         let scale = frame.attributes.get("film_scale").and_then(Value::as_f64).unwrap_or(1.0);
-        let frames = std::iter::zip(counts, &frame.spec.exposure_s).map(|(&dn, &seconds)| {
+        let mut linear = counts.to_vec();
+        frame.linearize(&mut linear);
+        let numbers = std::iter::zip(counts, &linear);
+        let frames = std::iter::zip(numbers, &frame.spec.exposure_s).map(|((&dn, &linear_dn), &seconds)| {
             json!({
                 "dn": dn,
-                "electrons": (f64::from(dn) - black) / (frame.gain * sensor.adc.gain_dn_per_e),
-                "clipped": f64::from(dn) >= white,
+                "electrons": (f64::from(linear_dn) - black) / (frame.gain * sensor.adc.gain_dn_per_e),
+                "clipped": f64::from(linear_dn) >= white,
                 "signal_e": signal.map(|s| s.max(0.0) * scale * seconds),
             })
         });
