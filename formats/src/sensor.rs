@@ -48,7 +48,7 @@ pub struct SensorFile {
 }
 
 /// Fields that no built-in description has.
-const LATER_FIELDS: [&str; 17] = [
+const LATER_FIELDS: [&str; 19] = [
     "pixel.knee",
     "pixel.blooming",
     "crosstalk.file",
@@ -66,6 +66,8 @@ const LATER_FIELDS: [&str; 17] = [
     "dual_gain.transition_dn",
     "companding.linear_dn",
     "companding.coded_dn",
+    "noise_spectrum.row_exponent",
+    "noise_spectrum.column_exponent",
 ];
 
 /// Fields that `--set` replaces, as `table.field`: those of the built-in descriptions and a few more.
@@ -191,6 +193,7 @@ impl SensorFile {
                 dark_doubling_k: p.dark_doubling_k,
             },
             noise: self.text.noise,
+            noise_spectrum: self.text.noise_spectrum.unwrap_or_default(),
             defects: self.text.defects.unwrap_or_default(),
             row_time_s: self.text.shutter.map_or(0.0, |shutter| shutter.row_time_us * 1e-6),
             adc: Adc {

@@ -14,7 +14,7 @@
 //! (m²) the area that the quantum efficiency is stated for, t (s) the exposure time, κ the scale of a relative film, g the gain, K (DN/e-) the
 //! conversion at gain 1. The signal is rounded to f32 once; all that follows starts from that. PRNU is applied before the Poisson number: it is a
 //! share of light that is not caught, so it has shot noise. PRNU, DCNU, DSNU and the column terms belong to the die and are the same in
-//! every frame; shot, reset, read, converter and row noise belong to the frame.
+//! every frame; shot, reset, read, converter and row noise belong to the frame. The numbers z of rows and of columns are independent, or have a power-law spectrum ([`power_law`]).
 //!
 //! Wherever no other is named, a digital number is a linear one: before the curve of a companded raw.
 //!
@@ -44,6 +44,7 @@ mod model;
 pub mod noise;
 pub mod overflow;
 pub mod pixels;
+pub mod power_law;
 pub mod quantile;
 pub mod random;
 pub mod response_map;
@@ -61,6 +62,7 @@ pub use exposure::{Exposure, SignalHistogram};
 pub use figures::{NoiseFigures, NoiseSet};
 pub use model::{Adc, Channel, Pattern, Pixel, QuantumEfficiencyOf, Sensor};
 pub use overflow::Overflow;
+pub use power_law::NoiseSpectrum;
 pub use quantile::LANES;
 pub use spectrum::HC_J_M;
 pub use variance::NoiseVariance;

@@ -60,6 +60,9 @@ pub(super) fn fields(path: &Path, t: &SensorText) -> Result<(), SensorError> {
     for (row, value) in t.noise.rows() {
         within(&format!("noise.{}", row.field), value, (0.0, row.max))?;
     }
+    let spectrum = t.noise_spectrum.unwrap_or_default();
+    within("noise_spectrum.row_exponent", spectrum.row_exponent, (0.0, 2.0))?;
+    within("noise_spectrum.column_exponent", spectrum.column_exponent, (0.0, 2.0))?;
     let d = t.defects.unwrap_or_default();
     within("defects.hot_pixels", d.hot_pixels, (0.0, 1.0))?;
     within("defects.hot_dark_e_per_s", d.hot_dark_e_per_s, (0.0, 1e9))?;

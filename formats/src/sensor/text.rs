@@ -2,7 +2,7 @@
 
 use std::collections::BTreeMap;
 
-use pipeline::sensor::{Companding, Defects, DualGain, NoiseFigures};
+use pipeline::sensor::{Companding, Defects, DualGain, NoiseFigures, NoiseSpectrum};
 use serde::{Deserialize, Serialize};
 
 /// What marks a description.
@@ -17,6 +17,8 @@ pub(super) struct SensorText {
     pub pixel: PixelText,
     #[serde(default)]
     pub noise: NoiseFigures,
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub noise_spectrum: Option<NoiseSpectrum>,
     #[serde(skip_serializing_if = "Option::is_none")]
     pub defects: Option<Defects>,
     #[serde(skip_serializing_if = "Option::is_none")]

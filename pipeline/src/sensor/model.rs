@@ -8,6 +8,7 @@ use super::defects::Defects;
 use super::dual_gain::{self, DualGain};
 use super::figures::{NoiseFigures, NoiseSet};
 use super::overflow::Overflow;
+use super::power_law::NoiseSpectrum;
 use super::quantile;
 
 /// What a quantum efficiency is stated for.
@@ -124,6 +125,8 @@ pub struct Sensor {
     pub pixel: Pixel,
     /// Its noises.
     pub noise: NoiseFigures,
+    /// Spectra of those of rows and columns.
+    pub noise_spectrum: NoiseSpectrum,
     /// Pixels that are not like the others.
     pub defects: Defects,
     /// Time from the start of a row to that of the next, s; 0: all rows at once.

@@ -9,6 +9,7 @@ use super::dual_gain::{DualGain, whole};
 use super::flicker::Flicker;
 use super::lanes::Set;
 use super::overflow::Overflow;
+use super::power_law::{NoiseSpectrum, values};
 use super::quantile::{normal_quantile, normal_quantiles, poissons};
 use super::random::{Stream, uniform_pair, uniforms};
 use super::{Exposure, LANES, NoiseFigures, NoiseSet, Sensor};
@@ -19,6 +20,7 @@ use crate::geometry::Rect;
 pub struct Exposer {
     /// Standard deviations; 0 where the noise is off.
     sigma: NoiseFigures,
+    spectrum: NoiseSpectrum,
     shot: bool,
     /// Defects, charges of the exposure (e-) in place of dark currents; 0 where their noise is off.
     defects: Defects,
@@ -81,6 +83,7 @@ impl Exposer {
         };
         Self {
             sigma: sensor.noise.switched(e.noise),
+            spectrum: sensor.noise_spectrum,
             shot: e.noise.has(NoiseSet::SHOT),
             defects,
             flicker: e.flicker,
@@ -132,7 +135,7 @@ impl Exposer {
             signal.len() == rect.size().pixels() && out.len() == signal.len() && rect.y >= 0 && rect.x >= 0
         );
         assert!(received_e.is_empty() || received_e.len() == signal.len());
-        let columns = self.columns(rect);
+        let (rows, columns) = (self.row_offsets_e(rect), self.columns(rect));
         for (i, (signal, out)) in
             std::iter::zip(signal.chunks(rect.width), out.chunks_mut(rect.width)).enumerate()
         {
@@ -143,7 +146,7 @@ impl Exposer {
                 exposer: self,
                 row,
                 column: rect.x as u32,
-                offset_e: self.row_offset_e(row),
+                offset_e: rows.get(i).copied().unwrap_or_default(),
                 signal_scale: self.signal_scale_of(row),
                 column_offset_e: &columns.0,
                 column_gain: &columns.1,
@@ -192,25 +195,30 @@ impl Exposer {
         }
     }
 
-    fn row_offset_e(&self, row: u32) -> f64 {
+    /// Row noise of the rows of `rect`, e-; empty if there is none.
+    fn row_offsets_e(&self, rect: Rect) -> Vec<f64> {
         let sigma = self.sigma.row_noise_e;
-        match sigma == 0.0 {
-            true => 0.0,
-            false => sigma * normal_quantile(uniform_pair(Stream::Row, row, 0, self.frame, self.seed)[0]),
+        if sigma == 0.0 {
+            return Vec::new();
         }
+        let z = |row| normal_quantile(uniform_pair(Stream::Row, row, 0, self.frame, self.seed)[0]);
+        let mut offsets = values(self.spectrum.row_exponent, rect.y as u32..rect.bottom() as u32, z);
+        offsets.iter_mut().for_each(|v| *v *= sigma);
+        offsets
     }
 
     /// Offset (e-) and gain of the columns of `rect`.
     fn columns(&self, rect: Rect) -> (Vec<f64>, Vec<f64>) {
-        let of = |which: usize, sigma: f64| match sigma == 0.0 {
-            true => Vec::new(),
-            false => (rect.x..rect.right())
-                .map(|x| {
-                    sigma * normal_quantile(uniform_pair(Stream::Column, 0, x as u32, 0, self.die)[which])
-                })
-                .collect(),
+        let of = |which: usize, sigma: f64, exponent: f64| {
+            if sigma == 0.0 {
+                return Vec::new();
+            }
+            let z = |x| normal_quantile(uniform_pair(Stream::Column, 0, x, 0, self.die)[which]);
+            let mut all = values(exponent, rect.x as u32..rect.right() as u32, z);
+            all.iter_mut().for_each(|v| *v *= sigma);
+            all
         };
-        (of(0, self.sigma.column_offset_e), of(1, self.sigma.column_gain))
+        (of(0, self.sigma.column_offset_e, self.spectrum.column_exponent), of(1, self.sigma.column_gain, 0.0))
     }
 }
 

@@ -7,7 +7,7 @@ use crate::args::ExposeArgs;
 use crate::film::digest;
 use formats::object;
 use pipeline::sensor::angle::{AngularResponse, Plate};
-use pipeline::sensor::{Defects, Overflow, QuantumEfficiencyOf, Sensor};
+use pipeline::sensor::{Defects, NoiseSpectrum, Overflow, QuantumEfficiencyOf, Sensor};
 use serde_json::{Map, Value, json};
 
 /// Raised whenever the program gives other digital numbers for the same job.
@@ -83,6 +83,10 @@ fn electronics(sensor: &Sensor) -> String {
     }
     if p.overflow != Overflow::NONE {
         parts.push(json!(["overflow", p.overflow.knee, p.overflow.blooming]));
+    }
+    if sensor.noise_spectrum != NoiseSpectrum::default() {
+        let spectrum = sensor.noise_spectrum;
+        parts.push(json!(["noise_spectrum", spectrum.row_exponent, spectrum.column_exponent]));
     }
     if let Some(dual) = &a.dual_gain {
         let (first, last) = dual.transition_dn;

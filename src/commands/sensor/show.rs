@@ -234,8 +234,17 @@ fn crosstalk(s: &Sensor) -> Vec<String> {
 /// The noises that differ over frames or over a die: `read 2 e-, reset 0 e-`.
 fn noises(sensor: &Sensor, over: Over) -> String {
     let rows = sensor.noise.rows().filter(|(row, _)| row.over == over);
+    // Exponents stand with what they are the spectrum of.
+    let spectrum = |field: &str| {
+        let exponent = match field {
+            "row_noise_e" => sensor.noise_spectrum.row_exponent,
+            "column_offset_e" => sensor.noise_spectrum.column_exponent,
+            _ => 0.0,
+        };
+        if exponent > 0.0 { format!(" (1/f^{exponent})") } else { String::new() }
+    };
     let texts = rows.map(|(row, value)| match row.quantity {
-        Quantity::Charge => format!("{} {value} e-", row.label),
+        Quantity::Charge => format!("{} {value} e-{}", row.label, spectrum(row.field)),
         Quantity::Number => format!("{} {value} DN", row.label),
         Quantity::LightShare | Quantity::DarkShare | Quantity::ChargeShare => {
             format!("{} {} %", row.label, number(100.0 * value))

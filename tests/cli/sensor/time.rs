@@ -155,3 +155,35 @@ fn a_bracket_develops_into_one_picture_of_a_wider_range() {
     );
     assert!(!place.at("no.exr").exists());
 }
+
+#[test]
+fn rows_of_a_power_law_are_alike_and_stay_in_windows() {
+    let place = Place::new();
+    let film = dark(&place);
+    let own = ["--exposure", "1ms", "--noise", "row", "--set", "noise.row_noise_e=40"];
+    let white = raw(&place, "white.zarr", &film, &own);
+    let set = ["--set", "noise_spectrum.row_exponent=1.5"];
+    let out = raw(&place, "rows.zarr", &film, &[&own[..], &set].concat());
+    // Mean square of the step from row to row over that of white noise.
+    let steps = |raw: &Path| -> f64 {
+        let rows: Vec<f64> = numbers(raw, 0).chunks(220).map(|row| row[7]).collect();
+        rows.windows(2).map(|v| (v[1] - v[0]) * (v[1] - v[0])).sum::<f64>()
+    };
+    assert!(steps(&out) < 0.3 * steps(&white), "{} {}", steps(&out), steps(&white));
+    let part = raw(&place, "part.zarr", &film, &[&own[..], &set, &["--roi", "7,120,30,70"]].concat());
+    let (size, pixels) = frame(&out, "raw", 0);
+    assert_eq!(frame(&part, "roi_0", 0).1, window(size, &pixels, Rect::new(120, 7, 70, 30)));
+    assert_exit(
+        &sensor(&film, &white, &[&["--sensor", SENSOR], &own[..], &set].concat()),
+        3,
+        &["another job"],
+    );
+    let shown = crate::common::lenscube(&[&["sensor", "show", SENSOR][..], &set].concat()).ok();
+    assert!(shown.stdout.contains("rows 0.3 e- (1/f^1.5)"), "{}", shown.stdout);
+    let no = ["--sensor", SENSOR, "--exposure", "1ms", "--set", "noise_spectrum.column_exponent=3"];
+    assert_exit(
+        &sensor(&film, &place.at("no"), &no),
+        USAGE,
+        &["noise_spectrum.column_exponent: expected 0 to 2, found 3"],
+    );
+}

@@ -1,5 +1,7 @@
 use super::*;
-use crate::sensor::{Adc, Channel, Curve, Defects, Overflow, Pattern, Pixel, QuantumEfficiencyOf};
+use crate::sensor::{
+    Adc, Channel, Curve, Defects, NoiseSpectrum, Overflow, Pattern, Pixel, QuantumEfficiencyOf,
+};
 
 /// The figures of the built-in sensor example-2um.
 pub(crate) fn example() -> Sensor {
@@ -32,6 +34,7 @@ pub(crate) fn example() -> Sensor {
             row_noise_e: 0.3,
             ..NoiseFigures::default()
         },
+        noise_spectrum: NoiseSpectrum::default(),
         defects: Defects::default(),
         row_time_s: 0.0,
         adc: Adc {
@@ -172,4 +175,37 @@ fn mean_of_frames_is_the_mean_charge() {
     let variance = 0.28f64.powi(2) * (electrons + 1.5 * 1.5) + 0.73 * 0.73 + 1.0 / 12.0;
     let error = sum / n - (256.0 + 0.28 * electrons);
     assert!(error.abs() < 5.0 * (variance / n).sqrt(), "{error}");
+}
+
+/// Row noise of a power law has the variance of white noise, is alike in neighbouring rows, and is that of the whole in any window.
+#[test]
+fn rows_and_columns_of_a_power_law_are_correlated_and_keep_their_variance() {
+    let mut sensor = example();
+    sensor.noise = NoiseFigures { row_noise_e: 100.0, column_offset_e: 100.0, ..NoiseFigures::default() };
+    sensor.adc.black_dn = 2000.0;
+    let size = Rect::new(0, 0, 40, 30);
+    let frame = |sensor: &Sensor, rect: Rect, noise: &str, frame: u32| {
+        let e = Exposure { frame, noise: noise.parse().unwrap(), ..exposure() };
+        raw(&vec![0.0; rect.size().pixels()], rect, sensor, &e)
+    };
+    let white = frame(&sensor, size, "row,column", 0);
+    sensor.noise_spectrum = NoiseSpectrum { row_exponent: 1.0, column_exponent: 1.0 };
+    let whole = frame(&sensor, size, "row,column", 0);
+    assert_ne!(whole, white);
+    let window = Rect::new(7, 11, 20, 9);
+    let part: Vec<u16> = (0..180).map(|k| whole[(7 + k / 9) * 30 + 11 + k % 9]).collect();
+    assert_eq!(frame(&sensor, window, "row,column", 0), part);
+    let (mut variance, mut steps) = (0.0, 0.0);
+    let frames = 400;
+    for k in 0..frames {
+        let rows: Vec<f64> =
+            frame(&sensor, size, "row", k).chunks(30).map(|row| f64::from(row[0]) - 2000.0).collect();
+        variance += rows.iter().map(|v| v * v).sum::<f64>() / 40.0;
+        steps += rows.windows(2).map(|v| (v[1] - v[0]) * (v[1] - v[0])).sum::<f64>() / 39.0;
+    }
+    // 100 e- are 28 DN; within a frame rows are alike, so that each counts for few.
+    let (variance, steps) = (variance / f64::from(frames) / 784.0, steps / f64::from(frames) / 784.0);
+    assert!((variance - 1.0).abs() < 0.2, "{variance}");
+    // White noise: 2.
+    assert!(steps < 1.0, "{steps}");
 }
