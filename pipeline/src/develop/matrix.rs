@@ -5,7 +5,7 @@
 //!   camera_p = Σ_λ ρ·S·Q_p / Σ_λ S·Q_p      balanced response of plane p, the mean over its filters; 1 for a white
 //!   target   = linear sRGB of the patch, its XYZ adapted from the light's white to D65 (Bradford)
 //!   M = argmin Σ_patches ‖target − M·camera‖²  subject to  M·(1, …, 1) = (1, 1, 1)
-//! so that neutral stays neutral. The constraint removes the last column: least squares of target − base over camera − base by QR.
+//! so that neutral stays neutral. Planes of no colour (infrared filters, [`Sensor::sees_colour`]) are left out of the fit and have columns of 0. The constraint removes the last column: least squares of target − base over camera − base by QR.
 //! ΔE2000 of M·camera against the target is the error of the matrix alone, without noise, lens and mosaic.
 //! ColorMatrix of DNG: from XYZ under the light to the camera's unbalanced planes, (A·S·M·G)⁻¹ with G the white gains of the planes, S the
 //! matrix from linear sRGB to XYZ and A the Bradford adaptation from D65 to the light.
@@ -34,8 +34,13 @@ impl ColourMatrix {
     /// # Errors
     /// [`DevelopError::Matrix`] if the planes do not determine one.
     pub fn fitted(sensor: &Sensor, light: Illuminant) -> Result<Self, DevelopError> {
-        let (camera, target) = (patch_responses(sensor, light), patch_targets(light));
-        let planes = camera[0].len();
+        let seen = seen_planes(sensor, light);
+        let camera: Vec<Vec<f64>> = patch_responses(sensor, light)
+            .iter()
+            .map(|patch| seen.iter().map(|p| patch[*p]).collect())
+            .collect();
+        let target = patch_targets(light);
+        let planes = seen.len();
         let undetermined = || DevelopError::Matrix {
             sensor: sensor.name.clone(),
             problem: format!(
@@ -51,7 +56,12 @@ impl ColourMatrix {
         let delta_e = std::iter::zip(&camera, &target)
             .map(|(c, t)| difference(std::array::from_fn(|i| dot(&rows[i], c)), *t))
             .collect();
-        Ok(Self { rows, delta_e })
+        let all = |row: &Vec<f64>| {
+            let mut of_planes = vec![0.0; sensor.planes().len()];
+            std::iter::zip(&seen, row).for_each(|(p, v)| of_planes[*p] = *v);
+            of_planes
+        };
+        Ok(Self { rows: rows.iter().map(all).collect(), delta_e })
     }
 
     /// The matrix M from the values `camera` of patches to their linear sRGB; `None` if they do not determine one.
@@ -117,6 +127,16 @@ pub fn scaled_to_greys(found: &[[f64; 3]], targets: &[[f64; 3]]) -> Option<Vec<[
 }
 
 /// Balanced response of each plane to each patch; 1 for a white.
+/// Planes that a channel of a colour belongs to.
+fn seen_planes(sensor: &Sensor, light: Illuminant) -> Vec<usize> {
+    let sees = std::iter::zip(sensor.plane_of_channels(), sensor.sees_colour(light));
+    let mut planes: Vec<usize> = sees.filter(|(_, sees)| *sees).map(|(plane, _)| plane).collect();
+    planes.sort_unstable();
+    planes.dedup();
+    planes
+}
+
+/// Balanced response of each plane to each patch; 1 for a white, 0 of a plane without response.
 pub fn patch_responses(sensor: &Sensor, light: Illuminant) -> Vec<Vec<f64>> {
     let sensor = &*sensor.in_uniform_light();
     let grid: Vec<f64> =
@@ -125,7 +145,7 @@ pub fn patch_responses(sensor: &Sensor, light: Illuminant) -> Vec<Vec<f64>> {
         let power = |nm: &f64| sensor.response_e_per_j(c, *nm) * light.relative_power(*nm);
         let response: Vec<f64> = grid.iter().map(power).collect();
         let all: f64 = response.iter().sum();
-        response.into_iter().map(|v| v / all).collect()
+        response.into_iter().map(|v| if v > 0.0 { v / all } else { 0.0 }).collect()
     };
     let filters: Vec<Vec<f64>> = (0..sensor.channels.len()).map(filter).collect();
     let (planes, of) = (sensor.planes().len(), sensor.plane_of_channels());

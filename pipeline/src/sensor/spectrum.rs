@@ -15,6 +15,8 @@ pub const HC_J_M: f64 = 6.626_070_15e-34 * 299_792_458.0;
 /// Abscissae and weights of Gauss's rule with three points.
 const GAUSS: [(f64, f64); 3] =
     [(-0.774_596_669_241_483_4, 5.0 / 9.0), (0.0, 8.0 / 9.0), (0.774_596_669_241_483_4, 5.0 / 9.0)];
+/// Light that colours are made of, nm.
+const SEEN_NM: (f64, f64) = (400.0, 700.0);
 /// Half of the width of a single band, nm.
 const SINGLE_BAND_HALF_NM: f64 = 5.0;
 
@@ -153,7 +155,7 @@ impl Sensor {
         if all > 0.0 { (1.0 - inside / all).max(0.0) } else { 0.0 }
     }
 
-    /// Gain per channel that makes a white under a light neutral; the minimum is 1.
+    /// Gain per channel that makes a white under a light neutral; the minimum is 1, as it is for channels of no colour ([`Sensor::sees_colour`]).
     pub fn white_gains(&self, light: Illuminant) -> Vec<f64> {
         let sensor = self.in_uniform_light();
         let grid = || (0..=400).map(|i| colour::FIRST_NM + f64::from(i));
@@ -162,7 +164,22 @@ impl Sensor {
         };
         let responses: Vec<f64> = (0..self.channels.len()).map(of).collect();
         let max = responses.iter().copied().fold(0.0, f64::max);
-        responses.iter().map(|r| max / r).collect()
+        let gain = |(r, sees): (&f64, bool)| if sees { max / r } else { 1.0 };
+        std::iter::zip(&responses, self.sees_colour(light)).map(gain).collect()
+    }
+
+    /// Whether each channel is one of a colour: half of its response to a light (380 to 780 nm) or more lies within 400 to 700 nm. Infrared filters of a mosaic are none; all are, if none is.
+    pub fn sees_colour(&self, light: Illuminant) -> Vec<bool> {
+        let sensor = self.in_uniform_light();
+        let of = |c: usize| {
+            let response = |nm: f64| sensor.response_e_per_j(c, nm) * light.relative_power(nm);
+            let all = (0..=400).map(|i| colour::FIRST_NM + f64::from(i));
+            let seen =
+                all.clone().filter(|nm| (SEEN_NM.0..=SEEN_NM.1).contains(nm)).map(response).sum::<f64>();
+            seen > 0.0 && seen >= 0.5 * all.map(response).sum::<f64>()
+        };
+        let sees: Vec<bool> = (0..self.channels.len()).map(of).collect();
+        if sees.contains(&true) { sees } else { vec![true; sees.len()] }
     }
 
     /// Electrons of a channel per lux second of a light.
