@@ -196,6 +196,7 @@ MAKERS = {
     "tol.toml": lambda path, _: path.write_text(TOLERANCES),
     "camera.toml": lambda path, _: path.write_text(CAMERA),
     "cra.csv": lambda path, _: path.write_text("height_mm,cra_deg,f_number\n0,0,2.8\n40,40,2.8\n"),
+    "motion.csv": lambda path, _: path.write_text("time_s,x_um,y_um,rotation_deg\n0,0,0,0\n0.01,12,5,0.05\n"),
     "tables": lambda path, _: shutil.copytree(ROOT / "formats/data/tables-example", path),
 }
 
@@ -226,7 +227,7 @@ def python(text):
 # What the commands of a page need before they begin; they make all else themselves.
 PAGES = {
     "README.md": ["cube.zarr", "cube.npy", "MY.zmx", "chart.zarr", "tol.toml", "scene.zarr", "room.glb", "recipe.toml"],
-    "camera.md": ["chart.zarr", "photo.png", "film.zarr", "lens-a.zarr", "lens-b.zarr", "lens-a.raw.zarr", "lens-b.raw.zarr", "camera.toml", "cra.csv"],
+    "camera.md": ["chart.zarr", "photo.png", "film.zarr", "lens-a.zarr", "lens-b.zarr", "lens-a.raw.zarr", "lens-b.raw.zarr", "camera.toml", "cra.csv", "motion.csv"],
     "charts.md": ["cube.zarr", "cube.hdr", "cube.mat", "cave", "cube.tif", "cube.npy", "cube.raw", "photo.png"],
     "clusters.md": ["chart.zarr"],
     "datasets.md": ["recipe.toml"],

@@ -432,6 +432,15 @@ pub fn chief_ray_angles(path: &Path) -> Result<Vec<[f64; 3]>, SensorError> {
     Ok(rows.into_iter().map(|(_, row)| row).collect())
 }
 
+/// Times (s, ascending), shifts of the picture on the film (µm; right, down) and rotations (degrees) of a camera in the CSV at `path`: columns `time_s`, `x_um`, `y_um`, `rotation_deg`.
+///
+/// # Errors
+/// As [`film_reflectance`].
+pub fn camera_motion(path: &Path) -> Result<Vec<[f64; 4]>, SensorError> {
+    let rows = table::columns(path, &text_at(path)?, ["time_s", "x_um", "y_um", "rotation_deg"])?;
+    Ok(rows.into_iter().map(|(_, row)| row).collect())
+}
+
 fn table_at(path: &Path, column: &str, quantity: Quantity) -> Result<Curve, SensorError> {
     table::curve(path, &text_at(path)?, column, quantity)
 }

@@ -18,7 +18,9 @@
 //!
 //! Wherever no other is named, a digital number is a linear one: before the curve of a companded raw.
 //!
-//! Left out: lag, black sun, non-linearity of the electronics, motion. A raw of a given signal has the same bits on every
+//! The film that rows see while the camera moves is that of [`motion`].
+//!
+//! Left out: lag, black sun, non-linearity of the electronics, motion of the scene. A raw of a given signal has the same bits on every
 //! machine, in any region, order and number of threads.
 //!
 //! # Words
@@ -41,6 +43,7 @@ pub mod figures;
 pub mod flicker;
 mod lanes;
 mod model;
+pub mod motion;
 pub mod noise;
 pub mod overflow;
 pub mod pixels;

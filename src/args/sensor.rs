@@ -139,6 +139,9 @@ pub struct ExposeArgs {
     /// Flicker of the light: frequency of its power, modulation 0 to 1, and the time since a maximum at the start of the first row [default: 0]
     #[arg(long, value_name = "HZ:M[:TIME]", help_heading = "Light of the film")]
     pub flicker: Option<String>,
+    /// Motion of the camera: CSV of time_s, x_um, y_um (shift of the picture, right and down), rotation_deg; rows see it at their time
+    #[arg(long, value_name = "FILE.csv", value_hint = clap::ValueHint::FilePath, help_heading = "Exposure")]
+    pub motion: Option<PathBuf>,
     /// Regions of the sensor only, each an array roi_N; repeatable
     #[arg(long, value_name = "X,Y,W,H", value_parser = roi, help_heading = "Placement")]
     pub roi: Vec<Rect>,
@@ -222,6 +225,7 @@ impl ExposeArgs {
             noise: NoiseSet::ALL,
             temperature: None,
             flicker: None,
+            motion: None,
             roi: Vec::new(),
             size: None,
             center: (0.0, 0.0),

@@ -213,6 +213,7 @@ fn of_exposure(args: &ExposeArgs) -> Result<Guard> {
     let guard = args.sensor.iter().fold(guard, |guard, sensor| reads_sensor(guard, sensor));
     let guard = args.lens.iter().fold(guard, |guard, lens| guard.reads_lens(lens));
     let guard = args.chief_ray_angles.iter().fold(guard, |g, table| g.reads("--chief-ray-angles", table));
+    let guard = args.motion.iter().fold(guard, |guard, table| guard.reads("--motion", table));
     let Some(out) = &args.raw else { return Ok(guard) };
     let guard = guard.writes("RAW", out);
     Ok(match sensor::is_file(out)? {

@@ -10,6 +10,7 @@ mod geometry;
 mod identity;
 mod kept;
 mod memory;
+mod motion;
 mod open;
 mod picture;
 mod raw;

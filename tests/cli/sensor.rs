@@ -7,6 +7,7 @@ mod catalogue;
 mod crosstalk;
 mod interruption;
 mod light;
+mod motion;
 mod range;
 mod time;
 

@@ -34,6 +34,7 @@ const LINES: &[&str] = &[
     "run chart film --lens=lens --tolerances=tolerances.toml --glass-catalog=glass_catalog --depth=depth --hidden=hidden --coatings=coatings.toml --sensor-reflectance=sensor_reflectance.csv --material=m=material.csv --illuminant=illuminant.csv | film",
     "sensor film raw --sensor=sensor --exposure=1s --lens=lens | raw",
     "sensor film raw --sensor=sensor --exposure=1s --chief-ray-angles=chief_ray_angles.csv | raw",
+    "sensor film raw --sensor=sensor --exposure=1s --motion=motion.csv | raw",
     "sensor show sensor --plot=plot | plot",
     "sensor validate sensor --out=out | out",
     "develop raw out.png --matrix=matrix --shading=shading | out.png",

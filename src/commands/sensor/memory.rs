@@ -1,7 +1,7 @@
 //! Memory of a run, planned before the first pixel.
 //!
 //! Fixed: the program; the signal of a row of shards (two planes if illuminance is summed); the rows finished by a block of the film. Per
-//! thread: the film pixels of a row block and column block, their sums, a shard of digital numbers and its encoded bytes; whole columns where charge flows along them. The rest is a cache of decoded
+//! thread: the film pixels of a row block and column block, their sums, a shard of digital numbers and its encoded bytes; whole columns where charge flows along them; what surrounds the block where the camera moves. The rest is a cache of decoded
 //! chunks where column blocks share film columns, at most two columns of chunks of all bands.
 
 use crate::machine::MemoryLimit;
@@ -41,6 +41,8 @@ pub struct Needs {
     pub corrections: usize,
     /// Rows of the columns along which charge flows; 0 without.
     pub column: usize,
+    /// Film pixels around a block that motion of the camera reads; 0 without.
+    pub margin: usize,
 }
 
 /// How a run's memory is spent.
@@ -71,9 +73,14 @@ impl Memory {
         let shard = needs.shard.0 * needs.shard.1;
         let block_bytes = 4 * block.0 * (block.1 + 16)
             + 8 * all_planes * rows * ((block.1 as f64 / needs.ratio) as usize + 2);
+        let moved = match needs.margin {
+            0 => 0,
+            margin => 4 * (block.0 + 2 * margin) * (block.1 + 16 + 2 * margin),
+        };
         let flows = needs.column * (STRIP_BYTES + 4 * needs.shard.1);
-        let worker =
-            WORKER + flows + (4 * needs.chunk.0 * needs.chunk.1 * 2 + block_bytes).max(shard * (4 + 2 + 2));
+        let worker = WORKER
+            + flows
+            + (4 * needs.chunk.0 * needs.chunk.1 * 2 + block_bytes + moved).max(shard * (4 + 2 + 2));
         let fixed = BASE + signal + carry;
         let usable = limit / 16 * 15;
         let fit = (1..=threads).rev().find(|n| fixed + n * worker <= usable);
@@ -110,6 +117,7 @@ mod tests {
             planes: 1,
             corrections: 0,
             column: 0,
+            margin: 0,
         }
     }
 

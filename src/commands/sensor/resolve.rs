@@ -6,6 +6,7 @@ use super::film::{Film, FilmPlane};
 use super::geometry::{Geometry, check_pitch, check_rois};
 use super::kept::Kept;
 use super::memory::{self, Memory, Needs};
+use super::motion::CameraMotion;
 use super::open::open_sensor;
 use super::{identity, warnings};
 use crate::args::ExposeArgs;
@@ -57,6 +58,8 @@ pub struct RawJob {
     pub(super) keep_signal: bool,
     /// Directions of the film's light, where the sensor depends on them.
     directions: Option<Directions>,
+    /// Motion of the camera over the film.
+    pub(super) motion: Option<CameraMotion>,
     /// Crosstalk of a film's signal, where the sensor has it.
     pub(super) spread: Option<SpreadRows>,
     /// All that changes pixels.
@@ -103,6 +106,8 @@ impl RawJob {
         notes.extend(warnings::of_crosstalk(&sensor, &opened.wavelengths_nm));
         let directions = Directions::of_film(&opened, args, &sensor, &geometry)?;
         notes.extend(directions.iter().map(Directions::note));
+        let motion = CameraMotion::of_film(args, &times, &sensor, (&opened.plane, &geometry))?;
+        notes.extend(motion.iter().map(CameraMotion::note));
         let relative = opened.relative;
         if !relative && (args.film_lux.is_some() || args.film_scale.is_some()) {
             return Err(usage(format!(
@@ -122,20 +127,25 @@ impl RawJob {
             bands: opened.wavelengths_nm.len(),
             chunk: opened.chunk,
             ratio: geometry.rows.ratio().max(1e-3),
-            aligned: geometry.rows.is_whole()
+            aligned: motion.is_none()
+                && geometry.rows.is_whole()
                 && geometry.columns.is_whole()
                 && opened.chunk.1 as f64 % geometry.rows.ratio() == 0.0,
             planes: 1 + usize::from(args.film_lux.is_some()),
             corrections: spread.as_ref().map_or(0, SpreadRows::corrections),
             column: blooming_rows(&sensor, size),
+            margin: motion.as_ref().map_or(0, |of| of.motion.margin_px()),
         };
         let memory = Memory::plan(limit, threads, &needs)?;
         let opened = Film::open(film, args, memory.cache)?;
-        let signal_identity = identity::of_signal(&opened, &sensor, &geometry, directions.as_ref());
+        let mut signal_identity = identity::of_signal(&opened, &sensor, &geometry, directions.as_ref());
+        if let Some(motion) = &motion {
+            signal_identity["motion"] = motion.identity();
+        }
         let source = Source::Film(Box::new(opened), geometry);
         let signal = (signal_identity, relative, size);
         let job = Self::with(args, source, (file, sensor), times, memory, signal, notes)?;
-        Ok(Self { directions, spread, ..job })
+        Ok(Self { directions, motion, spread, ..job })
     }
 
     fn of_kept(
@@ -150,9 +160,9 @@ impl RawJob {
             || args.resample != Resample::Cubic
             || args.coarse_film;
         let of_light = args.f_number.is_some() || args.lens.is_some() || args.chief_ray_angles.is_some();
-        if geometry_flags || of_light || args.film_lux.is_some() {
+        if geometry_flags || of_light || args.film_lux.is_some() || args.motion.is_some() {
             return Err(usage(format!(
-                "{}: its signal is already that of a sensor: --size, --center, --resample, --coarse-film, --f-number, --lens, --chief-ray-angles and --film-lux are for films",
+                "{}: its signal is already that of a sensor: --size, --center, --resample, --coarse-film, --f-number, --lens, --chief-ray-angles, --motion and --film-lux are for films",
                 path.display()
             )));
         }
@@ -183,6 +193,7 @@ impl RawJob {
             planes: 1,
             corrections: 0,
             column: blooming_rows(&sensor, size),
+            margin: 0,
         };
         let memory = Memory::plan(limit, threads, &needs)?;
         let (identity, relative) = (kept.signal_identity.clone(), kept.relative);
@@ -228,6 +239,7 @@ impl RawJob {
             film_scale: args.film_scale,
             keep_signal: args.keep_signal,
             directions: None,
+            motion: None,
             spread: None,
             source,
             file,

@@ -8,6 +8,7 @@ use crate::progress::counting;
 use crate::progress::interrupt;
 use anyhow::{Context, Result};
 use formats::durable::{free_bytes, is_url, unnamed_temp_file};
+use pipeline::flow::ChartSource;
 use pipeline::geometry::Rect;
 use pipeline::sensor::SignalHistogram;
 use pipeline::sensor::spread;
@@ -131,8 +132,9 @@ pub fn pass(
     let (row_taps, column_taps) = geometry.taps(read)?;
     let mut planes = planes.to_vec();
     planes.extend(crosstalk.map(|of| of.planes(&planes[0])).into_iter().flatten());
+    let moved = job.motion.as_ref().map(|of| of.motion.film(&film.bands));
     let pass = Pass {
-        film: &film.bands,
+        film: moved.as_ref().map_or(&film.bands as &dyn ChartSource, |moved| moved),
         bands: film.wavelengths_nm.len(),
         sensor: &job.sensor,
         rows: &row_taps,

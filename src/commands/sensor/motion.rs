@@ -1,0 +1,144 @@
+//! Motion of the camera during an exposure, from a table (`--motion`): one frame of one time, of a film that reaches beyond the sensor by the motion.
+
+use super::exposure::Times;
+use super::film::FilmPlane;
+use super::geometry::Geometry;
+use crate::args::ExposeArgs;
+use crate::failure::usage;
+use crate::film::digest;
+use anyhow::Result;
+use formats::sensor::camera_motion;
+use pipeline::sensor::Sensor;
+use pipeline::sensor::angle::radians;
+use pipeline::sensor::motion::{Motion, Pose, RowTimes};
+use serde_json::{Value, json};
+use std::path::Path;
+
+/// Moments of an exposure, at most.
+const MAX_STEPS: usize = 20_000;
+/// Film pixels that the picture may move by, at most.
+const MAX_MARGIN_PX: usize = 2048;
+
+/// The motion of a camera, ready for a film.
+pub struct CameraMotion {
+    /// The film behind it.
+    pub motion: Motion,
+    identity: Value,
+    note: String,
+}
+
+impl CameraMotion {
+    /// That of `--motion` for the sensor at `geometry` on `film`; none without the flag.
+    ///
+    /// # Errors
+    /// Usage: several frames or times, a time that follows from the signal, a kept signal, a table that does not cover the exposure, a sensor that the motion takes beyond the film.
+    pub fn of_film(
+        args: &ExposeArgs,
+        times: &Times,
+        sensor: &Sensor,
+        (film, geometry): (&FilmPlane, &Geometry),
+    ) -> Result<Option<Self>> {
+        let Some(path) = &args.motion else { return Ok(None) };
+        let exposure_s = match times {
+            Times::Given(times) if times.len() == 1 && args.frames == 1 && !args.keep_signal => times[0],
+            _ => {
+                return Err(usage(
+                    "--motion: expected one frame of one exposure time, without --keep-signal, for each has a signal of its own; give --exposure TIME, and for other frames a table that begins later",
+                ));
+            }
+        };
+        let table = camera_motion(path).map_err(|e| usage(e.to_string()))?;
+        let rows = &geometry.rows;
+        let row_px = rows.ratio();
+        let middle_px = 0.5 * film.size.height as f64 + rows.centre_um / film.pitch_um;
+        let times = RowTimes {
+            row_time_s: sensor.row_time_s,
+            exposure_s,
+            rows: rows.sensor_px,
+            first_px: middle_px - 0.5 * rows.sensor_px as f64 * row_px,
+            row_px,
+        };
+        check_covers(path, &table, times.end_s())?;
+        let pose = |[time_s, x_um, y_um, degrees]: &[f64; 4]| Pose {
+            time_s: *time_s,
+            x_um: *x_um,
+            y_um: *y_um,
+            rotation_rad: radians(*degrees),
+        };
+        let axis = |n: usize, axis_um: f64| (n as f64 - 1.0) / 2.0 + axis_um / film.pitch_um;
+        let axis_px = (axis(film.size.height, film.axis_um.0), axis(film.size.width, film.axis_um.1));
+        let poses = table.iter().map(pose).collect();
+        let motion = Motion::new(poses, times, (film.size, film.pitch_um, axis_px));
+        if motion.steps() > MAX_STEPS || motion.margin_px() > MAX_MARGIN_PX {
+            return Err(usage(format!(
+                "--motion {}: moves the picture by up to {} film pixels and needs {} moments an exposure, expected at most {MAX_MARGIN_PX} and {MAX_STEPS}",
+                path.display(),
+                motion.margin_px(),
+                motion.steps()
+            )));
+        }
+        check_inside(path, &motion, film, geometry)?;
+        let identity = json!({
+            "table": digest(&json!(table)),
+            "exposure_s": exposure_s,
+            "row_time_s": sensor.row_time_s,
+        });
+        let note = format!(
+            "motion of the camera: the picture moves by up to {:.1} film pixels; each row is the mean of {} moments",
+            reach_um(&motion, film, geometry) / film.pitch_um,
+            motion.steps()
+        );
+        Ok(Some(Self { motion, identity, note }))
+    }
+
+    /// What it adds to the identity of a signal.
+    pub fn identity(&self) -> Value {
+        self.identity.clone()
+    }
+
+    /// What is printed.
+    pub fn note(&self) -> String {
+        self.note.clone()
+    }
+}
+
+/// Fails for a table that does not span the exposure of all rows.
+fn check_covers(path: &Path, table: &[[f64; 4]], end_s: f64) -> Result<()> {
+    let (first_s, last_s) = (table[0][0], table[table.len() - 1][0]);
+    match first_s <= 0.0 && last_s >= end_s * (1.0 - 1e-9) {
+        true => Ok(()),
+        false => Err(usage(format!(
+            "--motion {}: expected times from 0 to {end_s} s, the end of the last row, found {first_s} to {last_s} s",
+            path.display()
+        ))),
+    }
+}
+
+/// Greatest shift of a pixel of the sensor, µm.
+fn reach_um(motion: &Motion, film: &FilmPlane, geometry: &Geometry) -> f64 {
+    let corner = |centre_um: f64, axis_um: f64, n: usize, pitch_um: f64| {
+        (centre_um - axis_um).abs() + 0.5 * n as f64 * pitch_um
+    };
+    let (rows, columns) = (&geometry.rows, &geometry.columns);
+    let down = corner(rows.centre_um, film.axis_um.0, rows.sensor_px, rows.pitch_um);
+    let right = corner(columns.centre_um, film.axis_um.1, columns.sensor_px, columns.pitch_um);
+    motion.reach_um(pipeline::real::hypot(down, right))
+}
+
+/// Fails where the motion takes a pixel of the sensor beyond the film.
+fn check_inside(path: &Path, motion: &Motion, film: &FilmPlane, geometry: &Geometry) -> Result<()> {
+    let reach_um = reach_um(motion, film, geometry);
+    let free = |axis: &pipeline::sensor::pixels::Axis| {
+        0.5 * (axis.film_px as f64 * film.pitch_um - axis.sensor_px as f64 * axis.pitch_um)
+            - axis.centre_um.abs()
+    };
+    let free_um = free(&geometry.rows).min(free(&geometry.columns));
+    match reach_um <= free_um + 1e-6 {
+        true => Ok(()),
+        false => Err(usage(format!(
+            "--motion {}: moves the picture by up to {reach_um:.2} µm, but the film reaches {:.2} µm beyond the sensor; give a smaller --size, or make a larger film",
+            path.display(),
+            free_um.max(0.0)
+        ))),
+    }
+}
