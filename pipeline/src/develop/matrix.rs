@@ -126,7 +126,6 @@ pub fn scaled_to_greys(found: &[[f64; 3]], targets: &[[f64; 3]]) -> Option<Vec<[
     (scale.is_finite() && scale > 0.0).then(|| found.iter().map(|f| f.map(|v| v * scale)).collect())
 }
 
-/// Balanced response of each plane to each patch; 1 for a white.
 /// Planes that a channel of a colour belongs to.
 fn seen_planes(sensor: &Sensor, light: Illuminant) -> Vec<usize> {
     let sees = std::iter::zip(sensor.plane_of_channels(), sensor.sees_colour(light));
