@@ -152,18 +152,26 @@ impl Motion {
         MovedFilm { film, motion: self }
     }
 
-    /// Weights of the film pixels around those of a film row whose columns have the middle `column`: offsets (down, right) and weights, in order.
-    fn kernel(&self, row: i64, column: f64) -> Vec<((i64, i64), f64)> {
-        let (y, x) = (row as f64 - self.axis_px.0, column - self.axis_px.1);
+    /// The moments t_k of a film row.
+    fn moments(&self, row: i64) -> Vec<Moment> {
         let start_s = self.times.start_s(row);
-        let offset = |k: usize| {
+        let moment = |k: usize| {
             let time_s = start_s + self.times.exposure_s * (k as f64 + 0.5) / self.steps as f64;
             let pose = self.at(time_s);
             let (sin, cos) = (real::sin(pose.rotation_rad), real::cos(pose.rotation_rad));
-            let from = (cos * y - sin * x, sin * y + cos * x);
-            (from.0 - y - pose.y_um / self.pitch_um, from.1 - x - pose.x_um / self.pitch_um)
+            Moment { sin, cos, shift_px: (pose.y_um / self.pitch_um, pose.x_um / self.pitch_um) }
         };
-        let offsets: Vec<(f64, f64)> = (0..self.steps).map(offset).collect();
+        (0..self.steps).map(moment).collect()
+    }
+
+    /// Weights of the film pixels around those of a film row whose columns have the middle `column`: offsets (down, right) and weights, in order.
+    fn kernel(&self, moments: &[Moment], row: i64, column: f64) -> Vec<((i64, i64), f64)> {
+        let (y, x) = (row as f64 - self.axis_px.0, column - self.axis_px.1);
+        let offset = |m: &Moment| {
+            let from = (m.cos * y - m.sin * x, m.sin * y + m.cos * x);
+            (from.0 - y - m.shift_px.0, from.1 - x - m.shift_px.1)
+        };
+        let offsets: Vec<(f64, f64)> = moments.iter().map(offset).collect();
         let first = |of: fn(&(f64, f64)) -> f64| {
             offsets.iter().map(of).fold(f64::INFINITY, f64::min).floor() as i64 - 1
         };
@@ -187,6 +195,14 @@ impl Motion {
         let used = weights.iter().enumerate().filter(|(_, w)| **w != 0.0);
         used.map(|(k, w)| (place(k), w * share)).collect()
     }
+}
+
+/// The camera at a moment of the exposure of a row.
+struct Moment {
+    sin: f64,
+    cos: f64,
+    /// (down, right).
+    shift_px: (f64, f64),
 }
 
 /// Weights of the pixels −1, 0, 1, 2 of cubic convolution at a fraction of a pixel.
@@ -225,6 +241,7 @@ impl ChartSource for MovedFilm<'_> {
         let columns = self.motion.columns as i64;
         let mut sums = Vec::with_capacity(self.motion.columns);
         for (line, y) in out.chunks_mut(rect.width).zip(rect.y..) {
+            let moments = self.motion.moments(y);
             let mut x = rect.x;
             while x < rect.right() {
                 // Columns of the whole film share offsets, so that a part has those of the whole.
@@ -233,7 +250,7 @@ impl ChartSource for MovedFilm<'_> {
                 let middle = (block * columns) as f64 + 0.5 * (columns - 1) as f64;
                 sums.clear();
                 sums.resize((end - x) as usize, 0.0);
-                for ((down, right), weight) in self.motion.kernel(y, middle) {
+                for ((down, right), weight) in self.motion.kernel(&moments, y, middle) {
                     let row = (y + down).clamp(needs.y, needs.bottom() - 1) - needs.y;
                     let row = &pixels[row as usize * needs.width..][..needs.width];
                     if x + right >= needs.x && end + right <= needs.right() {
