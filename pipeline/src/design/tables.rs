@@ -7,6 +7,7 @@ pub(in crate::design) mod grid;
 pub(in crate::design) mod kernels;
 mod options;
 pub(in crate::design) mod refine;
+mod relaxation;
 mod shared_nodes;
 pub mod trace;
 pub(in crate::design) mod window;

@@ -169,7 +169,7 @@ pub(super) fn trace(job: &TracingJob<'_>, wavelengths_nm: &[f64], threads: usize
     let percent = |share: f64| format!("{:.2} %", 100.0 * share);
     if coarsest.0 > tolerance && percent(coarsest.0) != percent(tolerance) {
         notes.push(format!(
-            "kernels between PSF nodes have errors up to {} (at {} nm) instead of {}, because a band has at most {MAX_NODES} nodes; \
+            "kernels between PSF nodes have errors up to {} (at {} nm) instead of {}, limited by the samples, traced PSFs and nodes (at most {MAX_NODES}) of a band; \
              `lenscube lens trace --max-nodes` makes a finer lens pack",
             percent(coarsest.0),
             coarsest.1,

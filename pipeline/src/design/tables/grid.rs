@@ -7,7 +7,8 @@
 //! heights: the worst place) with the one traced there; split or refine the cells above the tolerance. The maximum error at
 //! cell centres is recorded as the bound.
 //! Budget: if the tolerance needs more than `max_nodes` nodes, or more samples or PSFs than go with them ([`super::refine`]), spacings grow by a common factor until they fit, which keeps the error equal over the field and so its maximum
-//! minimal; then the cells of the largest errors are refined as far as the budget allows.
+//! minimal; then the cells of the largest errors are refined as far as the budget allows. Where samples or PSFs limit the heights, azimuths, which need neither, keep up to a quarter of
+//! the error ([`super::relaxation`]).
 //! Kernels are compared in the window of 95 % of the light ([`super::window`]).
 //! Neighbouring wavelengths need nearly the same nodes: [`adopt`] takes those of another one if a few cells, measured at both, agree.
 //! Rotated PSFs are exact here (the pupil is rotated, not the image); the film's kernels have an additional rotation error.
@@ -22,6 +23,7 @@ use super::refine::{
     Budget, CellError, MAX_AZIMUTHS, MIN_PSFS, NodeError, Refinement, max_psfs, max_samples, round_azimuths,
     summary,
 };
+use super::relaxation::Relaxation;
 use crate::design::prescription::error::DesignError;
 use crate::design::pupil::pupils::Pupils;
 
@@ -88,29 +90,28 @@ pub(crate) fn choose(
         // A check of K heights traces about 3 K PSFs, the result K.
         heights: (max_samples(options) / side.pow(2)).min(left / 4).max(3),
     };
-    // The least factor of the tolerance at which the nodes fit.
-    let mut relaxed = 1.0_f64;
-    let (mut heights, mut azimuths, count) = loop {
-        let scale = relaxed.sqrt();
-        let need: Vec<f64> =
-            azimuth_need.iter().map(|j| if free_azimuths { j / scale } else { *j }).collect();
-        let spacing = spacing.as_ref().map(|s| s.iter().map(|s| s * scale).collect::<Vec<_>>());
-        let heights = match (&given, &spacing) {
-            (None, Some(spacing)) => place(&probes, spacing, last_mm),
-            _ => given.clone().unwrap_or_default(),
-        };
-        let count = {
-            let probes = probes.clone();
-            move |h: f64| round_azimuths(between(&probes, &need, h))
-        };
-        let azimuths: Vec<usize> = heights.iter().map(|h| count(*h)).collect();
-        if budget.holds(&heights, &azimuths, free_heights) || relaxed > 1e4 {
-            break (heights, azimuths, count);
+    let heights_at = |radial: f64| match (&given, &spacing) {
+        (None, Some(spacing)) => {
+            let spacing: Vec<f64> = spacing.iter().map(|s| s * radial.sqrt()).collect();
+            place(&probes, &spacing, last_mm)
         }
-        relaxed *= 1.1;
+        _ => given.clone().unwrap_or_default(),
     };
-    let mut limited = relaxed > 1.0;
-    let goal = tolerance * relaxed;
+    let count_at = |angular: f64| {
+        let scale = if free_azimuths { angular.sqrt() } else { 1.0 };
+        let need: Vec<f64> = azimuth_need.iter().map(|j| j / scale).collect();
+        let probes = &probes;
+        move |h: f64| round_azimuths(between(probes, &need, h))
+    };
+    let relaxed = Relaxation::least(|radial, angular| {
+        let heights = heights_at(radial);
+        let azimuths: Vec<usize> = heights.iter().map(|h| count_at(angular)(*h)).collect();
+        budget.fits(&heights, &azimuths, free_heights)
+    });
+    let (mut heights, count) = (heights_at(relaxed.radial), count_at(relaxed.angular));
+    let mut azimuths: Vec<usize> = heights.iter().map(|h| count(*h)).collect();
+    let mut limited = relaxed.radial > 1.0;
+    let goal = tolerance * relaxed.mean();
     kernels.clear();
     pupils.keep(&[]);
     let mut errors = Vec::new();

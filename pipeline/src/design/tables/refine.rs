@@ -72,11 +72,25 @@ pub(super) struct Budget {
 impl Budget {
     /// Whether the nodes fit; the minimum numbers always do.
     pub(super) fn holds(&self, heights: &[f64], azimuths: &[usize], free_heights: bool) -> bool {
+        self.fits(heights, azimuths, free_heights) == Fit { heights: true, nodes: true }
+    }
+
+    /// Which of the limits hold.
+    pub(super) fn fits(&self, heights: &[f64], azimuths: &[usize], free_heights: bool) -> Fit {
         let nodes: usize = azimuths.iter().skip(1).sum();
         let least = azimuths.iter().skip(1).all(|j| *j <= 8);
         let few = !free_heights || heights.len() <= self.heights.max(3);
-        (nodes < self.nodes || (least && heights.len() <= 3)) && few
+        Fit { heights: few, nodes: nodes < self.nodes || (least && heights.len() <= 3) }
     }
+}
+
+/// Which limits hold.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub(super) struct Fit {
+    /// That of the heights.
+    pub(super) heights: bool,
+    /// That of the nodes.
+    pub(super) nodes: bool,
 }
 
 /// How cells above a threshold are refined.

@@ -37,7 +37,7 @@ use crate::lens::{Lens, LensBand, PsfSample, PsfStack};
 /// Incremented when the results for the same design and options change.
 pub const TRACER_VERSION: u32 = 8;
 /// Incremented when nodes or windows for the same design and options change, which packs with pupil functions have stored.
-pub const NODES_VERSION: u32 = 2;
+pub const NODES_VERSION: u32 = 3;
 
 /// Incremented when tails for the same design and options change.
 pub const TAILS_VERSION: u32 = 2;

@@ -1,0 +1,87 @@
+//! By how much the errors of nodes exceed their parts of the tolerance where the budget does not allow the tolerance.
+//!
+//! An error in r of e_r needs heights ∝ 1/√e_r, one in θ azimuths ∝ 1/√e_θ, and of all nodes with the same sum e_r + e_θ those with e_r = e_θ are fewest: both parts grow by a
+//! common factor. Where the limit of the heights is reached first, by the samples of their PSFs or the PSFs that are traced, nodes are left over: e_r is what the heights
+//! allow, and e_θ may be smaller. At a quarter, with twice the azimuths, the sum is 0.63 times as large and a film takes 1.3 to 1.4 times as long; beyond that the
+//! time grows faster than the error falls.
+
+use super::refine::Fit;
+
+/// Largest ratio of the two factors.
+const MAX_RATIO: f64 = 4.0;
+/// Step of a factor, and the largest that is tried.
+const STEP: f64 = 1.1;
+const MAX: f64 = 1e4;
+
+/// Factors of the parts of the tolerance.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub(super) struct Relaxation {
+    /// Of the error in r.
+    pub(super) radial: f64,
+    /// Of the error in θ.
+    pub(super) angular: f64,
+}
+
+impl Relaxation {
+    /// The least common factor at which nodes fit; if it is the heights that need it, the least factor of the error in θ, of those within [`MAX_RATIO`], at which nodes fit.
+    pub(super) fn least(fits: impl Fn(f64, f64) -> Fit) -> Self {
+        let (mut both, mut is_by_heights) = (1.0, false);
+        loop {
+            let fit = fits(both, both);
+            if (fit.heights && fit.nodes) || both > MAX {
+                break;
+            }
+            is_by_heights = fit.nodes;
+            both *= STEP;
+        }
+        let mut angular = if is_by_heights { (both / MAX_RATIO).max(1.0) } else { both };
+        while angular < both && !fits(both, angular).nodes {
+            angular *= STEP;
+        }
+        Self { radial: both, angular: angular.min(both) }
+    }
+
+    /// Factor of their sum.
+    pub(super) fn mean(self) -> f64 {
+        0.5 * (self.radial + self.angular)
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    /// Limits of heights and nodes of a lens that needs 50 heights and 10,000 nodes.
+    fn least(heights: f64, nodes: f64) -> Relaxation {
+        Relaxation::least(|radial, angular| Fit {
+            heights: 50.0 / radial.sqrt() <= heights,
+            nodes: 1e4 / (radial * angular).sqrt() <= nodes,
+        })
+    }
+
+    #[test]
+    fn both_errors_grow_alike_where_the_nodes_are_limited() {
+        assert_eq!(least(60.0, 2e4), Relaxation { radial: 1.0, angular: 1.0 });
+        let Relaxation { radial, angular } = least(60.0, 2500.0);
+        assert!(radial == angular && (4.0..4.5).contains(&radial), "{radial}");
+    }
+
+    #[test]
+    fn azimuths_use_the_nodes_that_limited_heights_leave() {
+        // Nodes for a quarter of the error.
+        let many = least(12.5, 1e4);
+        assert!((16.0..17.7).contains(&many.radial) && many.angular == many.radial / MAX_RATIO);
+        assert_eq!(many.mean(), 0.625 * many.radial);
+        // Not for all of it: 1,000 nodes, of which heights and equal errors need 625.
+        let some = least(12.5, 1000.0);
+        assert_eq!(some.radial, many.radial);
+        let nodes = 1e4 / (some.radial * some.angular).sqrt();
+        assert!(nodes <= 1000.0 && nodes * STEP.sqrt() > 1000.0 && some.angular < some.radial, "{some:?}");
+    }
+
+    #[test]
+    fn a_part_of_the_tolerance_is_never_below_it() {
+        let relaxed = least(40.0, 1e6);
+        assert!(relaxed.radial > 1.5 && relaxed.angular == 1.0, "{relaxed:?}");
+    }
+}
