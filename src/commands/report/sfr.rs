@@ -20,6 +20,8 @@ use serde_json::json;
 
 /// Half width of the region of an edge, px: the most, and the least.
 const HALF_PX: (f64, f64) = (24.0, 6.0);
+/// Half widths of the regions in which a square is sought in turn, over half its side: wide, then without what is beside it.
+const SEARCH: [f64; 2] = [1.6, 1.25];
 /// Edges of a square.
 const SIDES: usize = 4;
 /// Frequency up to which curves are shown, cycles per pixel.
@@ -86,10 +88,17 @@ fn displacements(placed: &Placed<'_>) -> Result<Vec<Option<Position>>> {
         |p| placed.at(p),
         |k, near| {
             let half = half * placed.scale(middles[k]);
-            dark_centroid(placed, near, 1.6 * half)
-                .map_err(|e| failed = failed.take().or(Some(e)))
-                .ok()
-                .flatten()
+            let mut at = near;
+            for share in SEARCH {
+                match dark_centroid(placed, at, share * half) {
+                    Ok(found) => at = found?,
+                    Err(e) => {
+                        failed.get_or_insert(e);
+                        return None;
+                    }
+                }
+            }
+            Some(at)
         },
     );
     if let Some(e) = failed {
@@ -103,7 +112,7 @@ fn displacements(placed: &Placed<'_>) -> Result<Vec<Option<Position>>> {
     Ok(all.into_iter().flat_map(|by| [by; SIDES]).collect())
 }
 
-/// Centroid of what is darker than halfway between the extremes within `half` px of `near`; `None` if that reaches the border of the region.
+/// Centroid of what is darker than halfway between paper and square within `half` px of `near`; `None` if that is not in the picture.
 fn dark_centroid(placed: &Placed<'_>, near: Position, half: f64) -> Result<Option<Position>> {
     let rect = square(near, half, placed.picture.size());
     if rect.width < 8 || rect.height < 8 {

@@ -20,7 +20,7 @@ const ROWS: usize = 64;
 /// Measures a uniform picture.
 ///
 /// # Errors
-/// A picture of less than two pixels a part, or a dark one.
+/// A picture of less than two pixels a part, or a dark one; a chart with corner marks.
 pub fn measure(placed: &Placed<'_>, args: &ReportArgs) -> Result<Section> {
     let size = placed.picture.size();
     if size.height.min(size.width) < 2 * ALONG {
@@ -28,6 +28,12 @@ pub fn measure(placed: &Placed<'_>, args: &ReportArgs) -> Result<Section> {
             "{}: expected at least {} pixels a side for shading, found {size}",
             placed.picture.name,
             2 * ALONG
+        )));
+    }
+    if placed.chart.fiducials().is_some() {
+        return Err(usage(format!(
+            "{}: shading is measured over the whole picture; give a uniform chart without fiducials",
+            placed.picture.name
         )));
     }
     let edge = |k: usize, n: usize| k * n / ALONG;

@@ -7,11 +7,11 @@ use super::section::{Section, shown};
 use super::sfr::MAX_CY_PX;
 use crate::args::ReportArgs;
 use crate::failure::usage;
-use anyhow::{Context, Result, bail};
+use anyhow::{Context, Result};
 use formats::picture::plot::{Axis, Plot, Series};
 use pipeline::flow::ChartSource;
 use pipeline::geometry::Rect;
-use pipeline::measure::texture::{TILE_PX, Texture, TextureMtf};
+use pipeline::measure::texture::{TILE_PX, Texture, TextureMtf, TileError};
 use serde_json::json;
 
 /// Largest rotation or difference of scale, as a share.
@@ -36,12 +36,13 @@ pub fn measure(placed: &Placed<'_>, args: &ReportArgs) -> Result<Section> {
     for (y, x) in tiles(leaves) {
         missed += usize::from(!add(placed, &mut texture, (y, x))?);
     }
-    let Some(mtf) = texture.mtf(MAX_CY_PX) else {
-        bail!(
-            "{}: none of {missed} tiles of {TILE_PX} px agrees with the chart: it has other settings, or another place or size",
+    let tiles = texture.tiles() + missed;
+    let mtf = texture.mtf(MAX_CY_PX).filter(|_| 2 * missed <= tiles).with_context(|| {
+        format!(
+            "{}: {missed} of {tiles} tiles of {TILE_PX} px do not agree with the chart: it has other settings, or another place or size in the picture",
             placed.picture.name
-        );
-    };
+        )
+    })?;
     let mut plot = Plot::new(
         "Texture MTF",
         Axis::new("spatial frequency (cycles/px)", 0.0, MAX_CY_PX),
@@ -137,7 +138,8 @@ fn add(placed: &Placed<'_>, texture: &mut Texture, corner: (i64, i64)) -> Result
         placed.chart.read(0, from, &mut chart).map_err(anyhow::Error::from_boxed)?;
         match texture.add(&chart, &picture) {
             Ok(()) => return Ok(true),
-            Err((down, right)) => (y, x) = (y - down, x - right),
+            Err(TileError::Displaced((down, right))) => (y, x) = (y - down, x - right),
+            Err(TileError::Differs) => return Ok(false),
         }
     }
     Ok(false)
