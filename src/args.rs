@@ -155,7 +155,7 @@ pub enum Command {
     Validate(Box<ValidateArgs>),
     /// Measure edges, points and profiles in a film
     Measure(Box<MeasureArgs>),
-    /// Measure a camera from pictures of charts, or two side by side: resolution, noise, distortion, shading, glare, colour; writes a report
+    /// Measure a camera from pictures of charts: resolution, noise, distortion, shading, glare, colour; writes a report
     Report(Box<ReportArgs>),
     /// Measure the speed of each stage and of a job on this machine
     Bench(BenchArgs),

@@ -38,7 +38,7 @@ pages! {
     depth: "distances per pixel, hidden surfaces, focus",
     films: "stores, resume, export, pyramids, the viewer, exit codes, reproducibility",
     camera: "sensors, raws, development, comparison of lenses under the same noise",
-    report: "a camera measured from pictures of charts: resolution, noise, distortion, shading, glare, colour",
+    reports: "a camera measured from pictures of charts: resolution, noise, distortion, shading, glare, colour",
     restoration: "films back to charts: methods, noise, figures, limits",
     python: "the package, arrays in memory, gradients",
     datasets: "many samples by a recipe: pictures, lenses, sensors, labels",

@@ -16,13 +16,13 @@ lenscube report a.raw.zarr --chart dot-grid --against b.raw.zarr --out report\n 
 lenscube report photo.tif --chart 'checker?fiducials=40' --out report\n\
 Charts and what they tell: iso12233-esfr (e-SFR; OECF, noise, dynamic range), slanted-edge (e-SFR), siemens (s-SFR), dead-leaves (texture),\n\
 oecf (OECF, noise, visual noise, dynamic range), dot-grid (distortion, lateral colour), uniform (shading), black-spots (veiling glare),\n\
-checker (colour errors). Make them by `lenscube chart`; give here the settings that they were made with.")]
+checker (colour errors). Make them by `lenscube chart`; give here the settings that they were made with. `lenscube help reports`")]
 pub struct ReportArgs {
     /// Pictures of charts, one chart each: raws of `lenscube sensor`, PNG, TIFF, JPEG, WebP or OpenEXR
     #[arg(value_name = "PICTURE", required = true)]
     pub pictures: Vec<String>,
     /// Chart of each picture in turn, or one for all: KIND or KIND?key=value…; its film is as large as the picture, or, with fiducials, of the size that is given
-    #[arg(long, value_name = "CHART", required = true)]
+    #[arg(long, value_name = "KIND", required = true)]
     pub chart: Vec<String>,
     /// Pictures of a second camera, of the same charts in turn
     #[arg(long, value_name = "PICTURE", num_args = 1..)]
