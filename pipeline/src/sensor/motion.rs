@@ -8,7 +8,7 @@
 //! ```
 //!
 //! K is such that no pixel of the film moves by more than [`STEP_PX`] between two t_k: of a pattern of ν cycles a pixel the sum is larger than the integral by (πν/4)²/6, 2.6 % at 0.5 and 0.6 % at 0.25. Between film pixels E is interpolated by cubic convolution
-//! (R. G. Keys, IEEE Trans. ASSP 29, 1981, a = −½): weights sum to 1, so light is kept, up to what a rolling shutter shows twice or not at all. Offsets are those of the middle of a few columns, so many that they differ from the own ones by at most [`ROTATED_PX`]. Beyond the film the last pixel counts on.
+//! (R. G. Keys, IEEE Trans. ASSP 29, 1981, a = −½): weights sum to 1, so light is kept, up to what a rolling shutter shows twice or not at all. Offsets are those of the middle of a few columns, so many that they differ from the own ones by at most 0.02 px. Beyond the film the last pixel counts on.
 //! Left out: PSFs, distortion and relative illumination stay where they are on the film, though they belong to the picture that moves: with a field that changes over the length of the motion, the error is that change.
 
 use crate::flow::{ChartSource, SourceSinkError};

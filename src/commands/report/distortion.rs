@@ -107,6 +107,10 @@ fn dot(placed: &Placed<'_>, near: Position, (radius, spacing): (f64, f64)) -> Re
     for half in [wide, tight, tight] {
         let half = half.floor() as usize;
         let rect = square(at, half as f64 + 2.0, size);
+        // Near the border of the picture the guess is good enough for the fine search alone.
+        if half > tight as usize && rect.width.min(rect.height) < 2 * half + 5 {
+            continue;
+        }
         let planes =
             if rect.width * rect.height == 0 { Vec::new() } else { placed.picture.channels(rect)? };
         let of = |pixels: &Vec<f32>| {

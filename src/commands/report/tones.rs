@@ -15,6 +15,8 @@ use serde_json::json;
 const GREY_NM: f64 = 550.0;
 /// Share of clipped pixels from which on a patch has no SNR.
 const MAX_CLIPPED: f64 = 1e-3;
+/// Least side of the part of a patch that is measured without a remark, px: that of visual noise.
+const MIN_SIDE: usize = 16;
 /// Largest side of the part of a patch that is looked at for visual noise, px.
 const VISUAL_SIDE: usize = 256;
 
@@ -162,12 +164,21 @@ fn section(
         ));
     }
     let clipped = scales.iter().flat_map(|s| &s.tones).filter(|t| t.patch.clipped > MAX_CLIPPED).count();
-    let remarks = match clipped {
-        0 => Vec::new(),
-        n => vec![format!(
-            "{n} patches of a colour are clipped: they have no SNR, and the dynamic range ends below them; expose less"
-        )],
+    let mut remarks = Vec::new();
+    if clipped > 0 {
+        remarks.push(format!(
+            "{clipped} patches of a colour are clipped: they have no SNR, and the dynamic range ends below them; expose less"
+        ));
+    }
+    let narrow = |film: &&Rect| {
+        let rect = placed.patch(**film);
+        rect.width.min(rect.height) < MIN_SIDE
     };
+    if placed.chart.patches_px().iter().any(|film| narrow(&film)) {
+        remarks.push(format!(
+            "patches are measured on less than {MIN_SIDE} pixels a side: blur of their edges counts as noise, and they have no visual noise; use a larger picture, or a chart `oecf`"
+        ));
+    }
     let one = |scale: &Scale| {
         let tones = scale.tones.iter().map(|t| {
             json!({ "reflectance": t.patch.reflectance, "mean": t.patch.mean, "standard_deviation": t.patch.sigma, "clipped": t.patch.clipped, "slope": t.slope, "snr": t.snr })
