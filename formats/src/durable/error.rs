@@ -29,7 +29,9 @@ pub enum DurableError {
     )]
     Permission { doing: &'static str, path: PathBuf, source: std::io::Error },
     /// A store that existed when the job started is missing.
-    #[error("{path}/{missing} has disappeared since the job started; restore it (is the disk mounted?)")]
+    #[error(
+        "{path}/{missing} has disappeared since the job started: another command replaces it, or its disk is not mounted; then run the same command again"
+    )]
     StoreMissing { path: PathBuf, missing: String },
     /// Requests to a remote store failed or timed out, after all retries.
     #[error(
