@@ -72,11 +72,17 @@ impl Mtf {
 
     /// The lowest frequency at which the modulation falls to 1/2, cycles per pixel; `None` if it stays above.
     pub fn mtf50_cy_px(&self) -> Option<f64> {
-        let i = self.modulation.iter().position(|m| *m < 0.5)?;
-        let (a, b) = (self.modulation[i - 1], self.modulation[i]);
-        let (fa, fb) = (self.frequency_cy_px[i - 1], self.frequency_cy_px[i]);
-        Some(fa + (fb - fa) * (a - 0.5) / (a - b))
+        mtf50_cy_px(&self.frequency_cy_px, &self.modulation)
     }
+}
+
+/// The lowest frequency at which a curve of ascending frequencies falls to 1/2, between two of them; `None` if it stays above, or begins below.
+pub fn mtf50_cy_px(frequency_cy_px: &[f64], modulation: &[f64]) -> Option<f64> {
+    let i = modulation.iter().position(|m| *m < 0.5)?;
+    let before = i.checked_sub(1)?;
+    let (a, b) = (modulation[before], modulation[i]);
+    let (fa, fb) = (frequency_cy_px[before], frequency_cy_px[i]);
+    Some(fa + (fb - fa) * (a - 0.5) / (a - b))
 }
 
 fn sinc(x: f64) -> f64 {

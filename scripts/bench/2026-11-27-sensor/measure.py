@@ -1,5 +1,5 @@
 import subprocess,resource,time,json,shutil,os,statistics,sys
-B='/work/main/target/release/lenscube'
+B=os.environ.get('LENSCUBE','lenscube')
 S=['--sensor','d/example-2um.toml','--exposure','5ms']
 near=['--set','crosstalk.file=near.csv']
 dif=['--set','crosstalk.diffusion_length_um=10','--set','crosstalk.depletion_um=3']

@@ -11,7 +11,7 @@ use pipeline::measure::projective::Projective;
 
 /// Largest picture in which fiducials are sought pixel by pixel; larger ones are reduced.
 const SEARCH_PIXELS: usize = 24 << 20;
-/// Part of a patch that is measured, in the middle: the rest is room for the blur of its edges and for distortion.
+/// Part of a patch that is measured, in the middle: the rest is left to the blur of its edges and to distortion.
 const PATCH_SHARE: f64 = 0.6;
 
 /// (row, column), px.

@@ -196,7 +196,6 @@ fn section(placed: &Placed<'_>, args: &ReportArgs, edges: &[Edge], failed: Vec<S
         Axis::new("image height (of half the diagonal)", 0.0, 1.0),
         Axis::new("MTF50 (cycles/px)", 0.0, 0.0),
     );
-    // An edge is radial or tangential by the angle between its normal and the radius.
     let upright = |e: &Edge| e.azimuth_deg.to_radians().cos().abs() >= std::f64::consts::FRAC_1_SQRT_2;
     for (i, (name, kind)) in [("upright edges", true), ("level edges", false)].into_iter().enumerate() {
         let points = edges.iter().filter(|e| upright(e) == kind);

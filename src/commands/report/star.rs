@@ -7,7 +7,8 @@ use crate::args::ReportArgs;
 use anyhow::{Context, Result, bail};
 use formats::picture::plot::{Axis, Plot, Series};
 use pipeline::chart::StarSite;
-use pipeline::measure::star::{Star, StarCurve};
+use pipeline::measure::sfr::mtf50_cy_px;
+use pipeline::measure::star::{SECTORS, Star, StarCurve};
 use serde_json::json;
 
 /// Step of frequencies, cycles per pixel.
@@ -38,10 +39,12 @@ pub fn measure(placed: &Placed<'_>, args: &ReportArgs) -> Result<Section> {
         let points = std::iter::zip(&curve.frequency_cy_px, &mean).map(|(f, m)| (*f, *m)).collect();
         let height = placed.height(star.centre_px);
         plot.series.push(Series::distinct(format!("height {height:.2}"), points, i));
-        let sectors: Vec<Option<f64>> = (0..pipeline::measure::star::SECTORS)
-            .map(|k| mtf50(&curve.frequency_cy_px, &curve.sectors.iter().map(|s| s[k]).collect::<Vec<_>>()))
+        let sectors: Vec<Option<f64>> = (0..SECTORS)
+            .map(|k| {
+                mtf50_cy_px(&curve.frequency_cy_px, &curve.sectors.iter().map(|s| s[k]).collect::<Vec<_>>())
+            })
             .collect();
-        let of_all = mtf50(&curve.frequency_cy_px, &mean);
+        let of_all = mtf50_cy_px(&curve.frequency_cy_px, &mean);
         let least = sectors.iter().flatten().copied().reduce(f64::min);
         let most = sectors
             .iter()
@@ -111,12 +114,4 @@ fn star(placed: &Placed<'_>, site: &StarSite) -> Result<(Star, StarCurve)> {
         _ => bail!(too_small()),
     }
     Ok((star, curve))
-}
-
-/// The lowest frequency at which a curve falls to 1/2.
-fn mtf50(frequencies: &[f64], modulation: &[f64]) -> Option<f64> {
-    let i = modulation.iter().position(|m| *m < 0.5)?;
-    let before = i.checked_sub(1)?;
-    let share = (modulation[before] - 0.5) / (modulation[before] - modulation[i]);
-    Some(frequencies[before] + share * (frequencies[i] - frequencies[before]))
 }

@@ -11,7 +11,8 @@ use anyhow::{Context, Result};
 use formats::picture::plot::{Axis, Plot, Series};
 use pipeline::flow::ChartSource;
 use pipeline::geometry::Rect;
-use pipeline::measure::texture::{TILE_PX, Texture, TextureMtf, TileError};
+use pipeline::measure::sfr::mtf50_cy_px;
+use pipeline::measure::texture::{TILE_PX, Texture, TileError};
 use serde_json::json;
 
 /// Largest rotation or difference of scale, as a share.
@@ -43,6 +44,7 @@ pub fn measure(placed: &Placed<'_>, args: &ReportArgs) -> Result<Section> {
             placed.picture.name
         )
     })?;
+    let mtf50 = mtf50_cy_px(&mtf.frequency_cy_px, &mtf.modulation);
     let mut plot = Plot::new(
         "Texture MTF",
         Axis::new("spatial frequency (cycles/px)", 0.0, MAX_CY_PX),
@@ -56,7 +58,7 @@ pub fn measure(placed: &Placed<'_>, args: &ReportArgs) -> Result<Section> {
     let remarks = match missed {
         0 => Vec::new(),
         n => {
-            vec![format!("{n} of {} tiles do not agree with the chart and are left out", n + texture.tiles())]
+            vec![format!("{n} of {tiles} tiles do not agree with the chart and are left out")]
         }
     };
     Ok(Section {
@@ -64,22 +66,15 @@ pub fn measure(placed: &Placed<'_>, args: &ReportArgs) -> Result<Section> {
         title: "Texture by dead leaves",
         standard: "after ISO 19567-2:2019, from published descriptions of it; cross-correlation with the chart, luminance in linear light",
         picture: placed.picture.name.clone(),
-        figures: vec![("texture MTF50 (cycles/px)".into(), shown(mtf50(&mtf), 4))],
+        figures: vec![("texture MTF50 (cycles/px)".into(), shown(mtf50, 4))],
         remarks,
         plots: vec![plot.figure(args.style)],
         tables: Vec::new(),
         json: json!({
-            "mtf50_cy_px": mtf50(&mtf), "tiles": texture.tiles(), "tiles_missed": missed, "frequency_cy_px": mtf.frequency_cy_px,
+            "mtf50_cy_px": mtf50, "tiles": texture.tiles(), "tiles_missed": missed, "frequency_cy_px": mtf.frequency_cy_px,
             "modulation": mtf.modulation, "by_power": mtf.by_power,
         }),
     })
-}
-
-fn mtf50(mtf: &TextureMtf) -> Option<f64> {
-    let k = mtf.modulation.iter().position(|m| *m < 0.5).filter(|k| *k > 0)?;
-    let ((fa, fb), (a, b)) =
-        ((mtf.frequency_cy_px[k - 1], mtf.frequency_cy_px[k]), (mtf.modulation[k - 1], mtf.modulation[k]));
-    Some(fa + (fb - fa) * (a - 0.5) / (a - b))
 }
 
 /// Fails unless the chart has the picture's scale and directions.
@@ -119,7 +114,6 @@ fn tiles(rect: Rect) -> Vec<(i64, i64)> {
 
 /// Adds the tile of the picture at the place of the film tile at `corner`; whether it agrees with the chart.
 fn add(placed: &Placed<'_>, texture: &mut Texture, corner: (i64, i64)) -> Result<bool> {
-    let side = TILE_PX as i64;
     let at = placed.at((corner.0 as f64, corner.1 as f64));
     let tile = Rect::new(at.0.round() as i64, at.1.round() as i64, TILE_PX, TILE_PX);
     if !placed.picture.size().rect().contains(tile) {
@@ -131,7 +125,7 @@ fn add(placed: &Placed<'_>, texture: &mut Texture, corner: (i64, i64)) -> Result
     for _ in 0..TRIES {
         let from = Rect::new(y + margin, x + margin, TILE_PX, TILE_PX);
         let moved = (y - corner.0).abs().max((x - corner.1).abs());
-        if !placed.chart.size().rect().contains(from) || moved > MAX_SHIFT_PX.min(side) {
+        if !placed.chart.size().rect().contains(from) || moved > MAX_SHIFT_PX {
             return Ok(false);
         }
         let mut chart = vec![0.0; TILE_PX * TILE_PX];
