@@ -27,7 +27,7 @@ NOISES = [0.002, 0.01]
 # Name, and the place of the film's center, (x, y) in mm from the axis.
 LENSES = [("double-gauss-28", (6.0, 4.5)), ("phone", (1.2, 0.9)), ("tessar", (6.0, 4.5))]
 PICTURES = ["camera", "astronaut", "coins", "page", "chelsea", "coffee"]
-METHODS = ["film", "unsharp mask", "Wiener", "Richardson-Lucy", "Tikhonov", "Tikhonov, noise estimated"]
+METHODS = ["film", "unsharp mask", "Wiener", "Richardson-Lucy", "Tikhonov", "total variation", "Tikhonov, noise estimated"]
 
 
 def picture(name):
@@ -135,15 +135,16 @@ def main():
                     wiener, unsharp = filtered(film.astype(float), psf, chart, places)
                     film = places.undone(film.astype(float))
                     given, report, seconds = lens.restore("film.zarr", "--noise", sigma)
+                    plateaus, _, plateaus_seconds = lens.restore("film.zarr", "--noise", sigma, "--method", "total-variation")
                     estimated, guess, _ = lens.restore("film.zarr")
                     steps, steps_report, steps_seconds = lens.restore("film.zarr", "--noise", sigma, "--method", "richardson-lucy")
-                    figures = [places.psnr(image, chart) for image in (film, unsharp, wiener, steps, given, estimated)]
+                    figures = [places.psnr(image, chart) for image in (film, unsharp, wiener, steps, given, plateaus, estimated)]
                     rows.append({"lens": name, "picture": chart_name, "noise": sigma, **dict(zip(METHODS, figures)), "seconds": seconds,
-                                 "richardson_lucy_seconds": steps_seconds, "noise_estimated": guess["bands"][0]["noise"],
+                                 "richardson_lucy_seconds": steps_seconds, "total_variation_seconds": plateaus_seconds, "noise_estimated": guess["bands"][0]["noise"],
                                  "report": report["bands"][0], "iterations": steps_report["bands"][0]["iterations"]})
                     print(name, chart_name, sigma, [round(v, 2) for v in figures], f"{seconds:.1f} s", flush=True)
                     if chart_name == "astronaut" and sigma == NOISES[0]:
-                        parts = [film, unsharp, wiener, steps, given, chart]
+                        parts = [film, unsharp, wiener, steps, given, plateaus, chart]
                         strips.append(np.hstack([part[40:168, 60:188] for part in parts]))
     shade = lambda linear: np.where(linear <= 0.0031308, 12.92 * linear, 1.055 * np.clip(linear, 1e-9, 1) ** (1 / 2.4) - 0.055)
     figure = Image.fromarray((255 * shade(np.clip(np.vstack(strips), 0, 1))).round().astype("u1"))

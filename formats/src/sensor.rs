@@ -432,13 +432,29 @@ pub fn chief_ray_angles(path: &Path) -> Result<Vec<[f64; 3]>, SensorError> {
     Ok(rows.into_iter().map(|(_, row)| row).collect())
 }
 
-/// Times (s, ascending), shifts of the picture on the film (µm; right, down) and rotations (degrees) of a camera in the CSV at `path`: columns `time_s`, `x_um`, `y_um`, `rotation_deg`.
+/// Rows of a table of the motion of a camera; times in s, ascending.
+#[derive(Clone, Debug, PartialEq)]
+pub enum CameraMotion {
+    /// Time, shift of the picture on the film (µm; right, down), rotation (degrees).
+    Shifts(Vec<[f64; 4]>),
+    /// Time, rates of a gyroscope about x, y and z (degrees a second).
+    Rates(Vec<[f64; 4]>),
+}
+
+/// The motion in the CSV at `path`: columns `time_s`, `x_um`, `y_um`, `rotation_deg`, or `time_s`, `rate_x_deg_s`, `rate_y_deg_s`, `rate_z_deg_s`.
 ///
 /// # Errors
 /// As [`film_reflectance`].
-pub fn camera_motion(path: &Path) -> Result<Vec<[f64; 4]>, SensorError> {
-    let rows = table::columns(path, &text_at(path)?, ["time_s", "x_um", "y_um", "rotation_deg"])?;
-    Ok(rows.into_iter().map(|(_, row)| row).collect())
+pub fn camera_motion(path: &Path) -> Result<CameraMotion, SensorError> {
+    let text = text_at(path)?;
+    let head = text.lines().map(str::trim).find(|line| !line.is_empty()).unwrap_or_default();
+    let has_rates = table::names_of(head).iter().any(|name| name.starts_with("rate_"));
+    let wanted = match has_rates {
+        true => ["time_s", "rate_x_deg_s", "rate_y_deg_s", "rate_z_deg_s"],
+        false => ["time_s", "x_um", "y_um", "rotation_deg"],
+    };
+    let rows = table::columns(path, &text, wanted)?.into_iter().map(|(_, row)| row).collect();
+    Ok(if has_rates { CameraMotion::Rates(rows) } else { CameraMotion::Shifts(rows) })
 }
 
 fn table_at(path: &Path, column: &str, quantity: Quantity) -> Result<Curve, SensorError> {

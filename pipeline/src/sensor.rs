@@ -41,6 +41,7 @@ pub mod exposure;
 pub mod field_weights;
 pub mod figures;
 pub mod flicker;
+pub mod gyro;
 mod lanes;
 mod model;
 pub mod motion;

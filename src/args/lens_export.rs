@@ -40,7 +40,7 @@ pub struct LensExportArgs {
     /// Wavelengths of red, green and blue, nm, of lensfun [default: 620,540,460; of a pack its bands next to them]
     #[arg(long, value_name = "R,G,B", value_parser = bands, conflicts_with = "band")]
     pub bands: Option<Bands>,
-    /// Size of the film in pixels, N or WxH [default: the square around the image circle of the lens, fitted within the circle; of PSFs the square within it]
+    /// Size of the film in pixels, N or WxH [default: the square around the image circle of the lens, fitted within the circle; of PSFs the square within it, of a design 0.95 of that]
     #[arg(long, value_name = "WxH", value_parser = size)]
     pub film_size: Option<Size>,
     /// Film pixel pitch in µm

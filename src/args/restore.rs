@@ -12,7 +12,7 @@ lenscube restore film.zarr restored.zarr --noise 0.002 --bands 550\n  \
 lenscube restore film.zarr restored.zarr --method richardson-lucy --iterations 30\n\
 OUT is a chart, which `lenscube run`, `export` and `measure` read. `lenscube help restoration` has methods and limits.")]
 pub struct RestoreArgs {
-    /// Film of `lenscube run` of a flat chart, here or at s3://BUCKET/PREFIX
+    /// Film of `lenscube run` of a flat chart, here or at s3://BUCKET/PREFIX, or raw of `lenscube sensor` of one
     #[arg(value_name = "FILM")]
     pub film: PathBuf,
     /// Chart to write, a Zarr store
@@ -21,7 +21,13 @@ pub struct RestoreArgs {
     /// How to restore
     #[arg(long, value_enum, default_value_t = RestoreMethod::Tikhonov)]
     pub method: RestoreMethod,
-    /// RMS noise of a film pixel, in the film's unit [default: estimated from each band]
+    /// Of a raw: the film that it was made of, whose record names the lens
+    #[arg(long = "film", value_name = "FILM")]
+    pub of_film: Option<PathBuf>,
+    /// Of a raw: the frame
+    #[arg(long, value_name = "N", default_value_t = 0)]
+    pub frame: usize,
+    /// RMS noise of a film pixel, in the film's unit [default: estimated from each band; of a raw, its sensor's]
     #[arg(long, value_name = "SIGMA", value_parser = positive)]
     pub noise: Option<f64>,
     /// Iterations of richardson-lucy [default: until the residual is that of the noise, at most 200]
@@ -55,6 +61,8 @@ pub struct RestoreArgs {
 pub enum RestoreMethod {
     /// The smoothest chart that agrees with the film within its noise
     Tikhonov,
+    /// The chart of plateaus and edges that agrees with the film within its noise; slower
+    TotalVariation,
     /// Non-negative, for films of photons
     RichardsonLucy,
 }

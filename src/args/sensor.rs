@@ -139,9 +139,12 @@ pub struct ExposeArgs {
     /// Flicker of the light: frequency of its power, modulation 0 to 1, and the time since a maximum at the start of the first row [default: 0]
     #[arg(long, value_name = "HZ:M[:TIME]", help_heading = "Light of the film")]
     pub flicker: Option<String>,
-    /// Motion of the camera: CSV of time_s, x_um, y_um (shift of the picture, right and down), rotation_deg; rows see it at their time
+    /// Motion of the camera: CSV of time_s, x_um, y_um (shift of the picture, right and down), rotation_deg, or of time_s, rate_x_deg_s, rate_y_deg_s, rate_z_deg_s of a gyroscope; rows see it at their time
     #[arg(long, value_name = "FILE.csv", value_hint = clap::ValueHint::FilePath, help_heading = "Exposure")]
     pub motion: Option<PathBuf>,
+    /// Focal length, for the rates of a gyroscope (camera axes: x right, y down, z forward)
+    #[arg(long, value_name = "MM", value_parser = positive, help_heading = "Exposure")]
+    pub focal_length_mm: Option<f64>,
     /// Regions of the sensor only, each an array roi_N; repeatable
     #[arg(long, value_name = "X,Y,W,H", value_parser = roi, help_heading = "Placement")]
     pub roi: Vec<Rect>,
@@ -226,6 +229,7 @@ impl ExposeArgs {
             temperature: None,
             flicker: None,
             motion: None,
+            focal_length_mm: None,
             roi: Vec::new(),
             size: None,
             center: (0.0, 0.0),

@@ -228,6 +228,11 @@ impl Frame {
         self.noise().sigma_e(&self.sensor, self.gain, self.exposure_s())(mean_e)
     }
 
+    /// Mean dark charge of a pixel, e-.
+    pub fn dark_e(&self) -> f64 {
+        self.noise().dark_e(&self.sensor, self.exposure_s())
+    }
+
     /// Digital numbers of no light and of saturation.
     pub fn black_white_dn(&self) -> (f64, f64) {
         (self.sensor.adc.black_dn, self.sensor.white_dn(self.gain))

@@ -20,9 +20,14 @@ impl RawNoise {
         Self { on: on.unwrap_or(NoiseSet::ALL), temperature_c }
     }
 
+    /// Mean dark charge of a pixel, e-.
+    pub fn dark_e(self, sensor: &Sensor, seconds: f64) -> f64 {
+        self.on.on(NoiseSet::DARK, sensor.dark_current_e_per_s(self.temperature_c) * seconds)
+    }
+
     /// Standard deviation of a pixel over frames and dies, e-, by its mean charge, of which dark charge is a part: of the noises that are on, rounding included, for an exposure of `seconds`.
     pub fn sigma_e(self, sensor: &Sensor, gain: f64, seconds: f64) -> impl Fn(f64) -> f64 {
-        let dark_e = self.on.on(NoiseSet::DARK, sensor.dark_current_e_per_s(self.temperature_c) * seconds);
+        let dark_e = self.dark_e(sensor, seconds);
         move |mean_e| sensor.noise_variance(self.on, gain, mean_e.max(0.0), dark_e).total_e2().sqrt()
     }
 

@@ -1,15 +1,17 @@
 //! `lenscube restore`: the chart of a film, by the lens that made it ([`pipeline::restore`]), tile by tile.
 //!
 //! ```text
-//! film, its record → lens → per band: noise, λ or iterations, figures (settings) → tiles with halos → chart
+//! film or raw, the film's record → lens → per band or colour plane: noise, λ, μ or iterations, figures (settings) → tiles with halos → chart
 //! ```
 //! All that depends on the picture is decided once a band, before its tiles, on a few small parts: tiles then differ by rounding and by what lies beyond their halos alone.
 //! The chart appears at OUT when it is complete; a run that is stopped leaves nothing there. In memory: a shard of the chart, and some thirty arrays of a tile.
 
 mod optics;
+mod raw;
 mod recorded;
 mod report;
 mod settings;
+mod tails;
 mod tile;
 
 use crate::args::{RestoreArgs, RestoreMethod};
@@ -38,7 +40,7 @@ const OVERLAP_PX: usize = 32;
 /// Runs the command; the exit code.
 pub fn command(args: &RestoreArgs) -> Result<u8> {
     if args.iterations.is_some() && args.method != RestoreMethod::RichardsonLucy {
-        return Err(usage("--iterations is for --method richardson-lucy; tikhonov is solved to the end"));
+        return Err(usage("--iterations is for --method richardson-lucy; the others are solved to the end"));
     }
     if !is_url(&args.out) {
         check_absent(&args.out, args.overwrite)?;
@@ -57,32 +59,37 @@ fn restore(args: &RestoreArgs) -> Result<()> {
     let start = Instant::now();
     let film = Recorded::open(args)?;
     let lens = film.lens();
-    Guard::default().reads_lens(&lens).writes("OUT", &args.out).check()?;
-    let spec = film.spec();
-    let bands = match &args.bands {
-        None => (0..spec.wavelengths_nm.len()).collect(),
-        Some(text) => chosen_bands(text, &spec.wavelengths_nm)?,
+    let mut guard = Guard::default().reads_lens(&lens).reads("FILM", &args.film);
+    if let Some(film) = &args.of_film {
+        guard = guard.reads("--film", film);
+    }
+    guard.writes("OUT", &args.out).check()?;
+    let (grid, wavelengths_nm) =
+        (film.grid(), film.planes().iter().map(|plane| plane.wavelength_nm).collect::<Vec<_>>());
+    let planes = match &args.bands {
+        None => (0..wavelengths_nm.len()).collect(),
+        Some(text) => chosen_bands(text, &wavelengths_nm)?,
     };
-    let whole = spec.film.rect();
+    let whole = grid.size.rect();
     let roi = args.roi.unwrap_or(whole);
     if roi.is_empty() || !whole.contains(roi) {
         return Err(usage(format!(
             "--roi {},{},{},{} is not inside the film of {}",
-            roi.x, roi.y, roi.width, roi.height, spec.film
+            roi.x, roi.y, roi.width, roi.height, grid.size
         )));
     }
-    let optics = Optics::open(&film, args)?;
+    let optics = Optics::open(&film)?;
     let (bar, progress) = counting("measuring");
     let mut settings = Vec::new();
-    for (done, band) in bands.iter().enumerate() {
-        progress(done as u64, bands.len() as u64);
-        settings.push(Settings::of_band(args, &film, &optics, *band)?);
+    for (done, plane) in planes.iter().enumerate() {
+        progress(done as u64, planes.len() as u64);
+        settings.push(Settings::of_plane(args, &film, &optics, *plane)?);
     }
     bar.finish_and_clear();
     let picture = Picture {
         film: &film,
         optics: &optics,
-        tiles: Tiles { picture: spec.film, side: args.tile as usize, overlap: OVERLAP_PX },
+        tiles: Tiles { picture: grid.size, side: args.tile as usize, overlap: OVERLAP_PX },
         roi,
         settings: &settings,
         counts: Mutex::default(),
@@ -91,8 +98,8 @@ fn restore(args: &RestoreArgs) -> Result<()> {
     attributes.insert("program".into(), concat!("lenscube ", env!("CARGO_PKG_VERSION")).into());
     attributes.insert("restored".into(), report::attributes(args, &film, roi, &settings));
     let meta = ChartMeta {
-        wavelengths_nm: bands.iter().map(|band| spec.wavelengths_nm[*band]).collect(),
-        pitch_um: Some(spec.pitch_um),
+        wavelengths_nm: planes.iter().map(|plane| wavelengths_nm[*plane]).collect(),
+        pitch_um: Some(grid.pitch_um),
         film_size: None,
         units: film.chart_units(),
         attributes,
@@ -151,6 +158,7 @@ impl ChartSource for Picture<'_> {
 fn method_name(method: RestoreMethod) -> &'static str {
     match method {
         RestoreMethod::Tikhonov => "tikhonov",
+        RestoreMethod::TotalVariation => "total-variation",
         RestoreMethod::RichardsonLucy => "richardson-lucy",
     }
 }
@@ -159,6 +167,7 @@ fn method_name(method: RestoreMethod) -> &'static str {
 fn parameter(settings: &Settings) -> (&'static str, serde_json::Value) {
     match settings.solver.strength {
         Strength::Lambda(lambda) => ("lambda", json!(lambda)),
+        Strength::Mu(mu) => ("mu", json!(mu)),
         Strength::Iterations(count) => ("iterations", json!(count)),
     }
 }

@@ -46,6 +46,11 @@ impl RecordedLens {
         Ok(Self { name, flags, request })
     }
 
+    /// Whether it is a design, which a run traces.
+    pub fn is_traced(&self) -> bool {
+        !self.request.is_null()
+    }
+
     /// Opens it.
     ///
     /// # Errors

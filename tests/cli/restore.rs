@@ -4,6 +4,7 @@ use crate::common::{
     CommandResult, Noise, assert_error_line, assert_exit, lenscube, pairs, pixels, run, shards, text,
 };
 use formats::film::FilmStore;
+use formats::raw::RawStore;
 use serde_json::Value;
 use std::fs;
 use std::path::{Path, PathBuf};
@@ -166,6 +167,176 @@ fn the_film_of_a_design_is_restored_with_the_lens_that_it_records() {
     folder.restore("phone.zarr", "one.zarr", &["--noise", "2e-6", "--bands", "550"]).ok();
     let [(_, all), (_, one)] = ["out.zarr", "one.zarr"].map(|name| pixels(&folder.at(name), "chart"));
     assert!(all.len() == 2 && one[..] == all[..1]);
+}
+
+/// Closer to the chart than differences of neighbours; the residual is that of the noise; tiles differ by what plateaus depend on beyond halos.
+#[test]
+fn total_variation_restores_plateaus() {
+    let folder = Folder::new(200);
+    let (reference, noise) = (folder.at("chart.zarr"), NOISE.to_string());
+    let restored = |out: &str, flags: &[&str]| {
+        let flags = [&["--noise", &noise, "--json"], flags].concat();
+        let report = report(&folder.restore("film.zarr", out, &flags).ok());
+        (report, rms(&folder.at(out), &reference, ["chart", "chart"], 8))
+    };
+    let (_, smooth) = restored("smooth.zarr", &[]);
+    let method = ["--method", "total-variation"];
+    let (report, plateaus) = restored("one.zarr", &method);
+    assert!(plateaus < 0.9 * smooth, "{smooth}, total variation {plateaus}");
+    let residual = report["bands"][0]["mean_square_residual_of_noise"].as_f64().unwrap();
+    assert!((residual - 1.0).abs() < 0.1 && report["unconverged_tiles"] == 0, "{report}");
+    assert!(report["bands"][0]["mu"].as_f64().unwrap() > 0.0, "{report}");
+    restored("many.zarr", &[&method[..], &["--tile", "100"]].concat());
+    let [(_, one), (_, many)] = ["one.zarr", "many.zarr"].map(|name| pixels(&folder.at(name), "chart"));
+    let peak = one[0].iter().fold(0.0f32, |m, v| m.max(*v));
+    let largest = pairs(&one, &many).map(|(a, b)| (a - b).abs()).fold(0.0, f32::max);
+    assert!(largest < 5e-3 * peak, "{} of the peak", largest / peak);
+}
+
+/// A raw of the film of `chart` by a sensor with pixels of 2 um.
+fn expose(film: &Path, raw: &Path, sensor: &str, flags: &[&str]) {
+    let words = ["sensor", text(film), text(raw), "--sensor", sensor, "--set", "pixel.pitch_um=2"];
+    lenscube(&[&words[..], flags].concat()).ok();
+}
+
+fn report(result: &CommandResult) -> Value {
+    serde_json::from_str(&result.stdout).unwrap()
+}
+
+/// Of a sensor without a mosaic, and of a Bayer sensor: the residual is the noise that the sensor has by its description, and the chart the mean of the bands.
+#[test]
+fn raws_are_restored_by_the_noise_of_their_sensor() {
+    let folder = Folder(tempfile::tempdir().unwrap());
+    let (chart, film) = (folder.at("chart.zarr"), folder.at("film.zarr"));
+    let words = ["chart", "composite", text(&chart), "--size=128", "--overscan=0", "--pitch-um=2"];
+    lenscube(&[&words[..], &["--wavelengths=500:600:100"]].concat()).ok();
+    run(text(&chart), &film, LENS, &["--axis=1500,1000", "--center=-2.873,-1.873", "--film-size=128"]).ok();
+    let (size, bands) = pixels(&chart, "chart");
+    let inside = |i: usize| [i / size.width, i % size.width].iter().all(|k| (8..120).contains(k));
+    let rms = |a: &[f32], b: &[f32]| {
+        let (sum, count) = (0..a.len())
+            .filter(|i| inside(*i))
+            .fold((0.0, 0), |(sum, n), i| (sum + f64::from(a[i] - b[i]).powi(2), n + 1));
+        (sum / f64::from(count)).sqrt()
+    };
+    let (_, film_bands) = pixels(&film, "film");
+    // (sensor, exposure, planes, greatest rms over that of the film)
+    for (sensor, exposure, planes, share) in
+        [("ideal-mono", "auto:0.9", 1, 0.6), ("example-2um", "auto:0.9", 3, 0.97)]
+    {
+        let raw = folder.at(&format!("{sensor}.zarr"));
+        expose(&film, &raw, sensor, &["--exposure", exposure, "--size=128", "--center=-2.873,-1.873"]);
+        let out = format!("of-{sensor}.zarr");
+        let flags = ["--film", text(&film), "--json"];
+        let report = report(&folder.restore(&format!("{sensor}.zarr"), &out, &flags).ok());
+        let restored = pixels(&folder.at(&out), "chart").1;
+        assert_eq!(restored.len(), planes);
+        for (plane, values) in report["bands"].as_array().unwrap().iter().zip(&restored) {
+            let residual = plane["mean_square_residual_of_noise"].as_f64().unwrap();
+            assert!((residual - 1.0).abs() < 0.1 && plane["noise_is_estimated"] == false, "{plane}");
+            let shares: Vec<f64> =
+                plane["film_bands"].as_array().unwrap().iter().map(|b| b[1].as_f64().unwrap()).collect();
+            assert!((shares.iter().sum::<f64>() - 1.0).abs() < 1e-9 && shares.len() <= 2, "{plane}");
+            let of = |bands: &[Vec<f32>]| -> Vec<f32> {
+                let at = |nm: f64| ((nm - 500.0) / 100.0) as usize;
+                let share = |i: usize| -> f64 {
+                    let all = plane["film_bands"].as_array().unwrap().iter();
+                    all.map(|b| b[1].as_f64().unwrap() * f64::from(bands[at(b[0].as_f64().unwrap())][i]))
+                        .sum()
+                };
+                (0..bands[0].len()).map(|i| share(i) as f32).collect()
+            };
+            let (expected, film) = (of(&bands), of(&film_bands));
+            let (before, after) = (rms(&film, &expected), rms(values, &expected));
+            assert!(after < share * before, "{sensor} {plane}: film {before}, restored {after}");
+            let mean = |v: &[f32]| v.iter().map(|v| f64::from(*v)).sum::<f64>() / v.len() as f64;
+            assert!((mean(values) / mean(&expected) - 1.0).abs() < 0.02, "{sensor} {plane}");
+        }
+    }
+    // Sixteen tiles differ by less than 1e-4 of the peak; steps of photons are not negative.
+    let flags = ["--film", text(&film), "--bands", "#0"];
+    let many = [&flags[..], &["--tile", "64"]].concat();
+    folder.restore("ideal-mono.zarr", "many.zarr", &many).ok();
+    let [(_, one), (_, many)] =
+        ["of-ideal-mono.zarr", "many.zarr"].map(|name| pixels(&folder.at(name), "chart"));
+    let peak = one[0].iter().fold(0.0f32, |m, v| m.max(*v));
+    let largest = pairs(&one, &many).map(|(a, b)| (a - b).abs()).fold(0.0, f32::max);
+    assert!(largest < 1e-4 * peak, "{} of the peak", largest / peak);
+    let steps = [&flags[..], &["--method", "richardson-lucy", "--iterations", "10"]].concat();
+    folder.restore("example-2um.zarr", "steps.zarr", &steps).ok();
+    assert!(pixels(&folder.at("steps.zarr"), "chart").1[0].iter().all(|v| *v >= 0.0));
+}
+
+/// Of pixels that are twice the film's, every 23rd at white.
+#[test]
+fn saturated_pixels_of_a_raw_are_left_out() {
+    let folder = Folder(tempfile::tempdir().unwrap());
+    let (chart, film) = (folder.at("chart.zarr"), folder.at("film.zarr"));
+    let words = ["chart", "composite", text(&chart), "--size=256", "--overscan=0", "--pitch-um=1"];
+    lenscube(&[&words[..], &["--wavelengths=550"]].concat()).ok();
+    let place = ["--axis=127.5,127.5", "--center=0,0", "--film-size=256", "--film-pitch-um=1"];
+    run(text(&chart), &film, LENS, &place).ok();
+    expose(&film, &folder.at("raw.zarr"), "ideal-mono", &["--exposure=auto:0.8"]);
+    let raw = RawStore::open(&folder.at("raw.zarr"), false).unwrap();
+    let white = raw.attributes()["white_dn"].as_f64().unwrap() as u16;
+    let (size, frames) = pixels(&folder.at("raw.zarr"), "raw");
+    let mut numbers: Vec<u16> = frames[0].iter().map(|v| *v as u16).collect();
+    numbers.iter_mut().step_by(23).for_each(|dn| *dn = white);
+    let damaged =
+        RawStore::create(&folder.at("white.zarr"), raw.spec().clone(), raw.attributes().clone(), false)
+            .unwrap();
+    let shards = raw.spec().all_shards();
+    assert_eq!((shards.len(), size.pixels()), (1, 128 * 128));
+    damaged.commit_counts(shards[0], &numbers).unwrap();
+    let [(_, all), (_, without)] = ["raw.zarr", "white.zarr"].map(|raw| {
+        let out = format!("of-{raw}");
+        let flags = ["--film", text(&film), "--json"];
+        let report = report(&folder.restore(raw, &out, &flags).ok());
+        let residual = report["bands"][0]["mean_square_residual_of_noise"].as_f64().unwrap();
+        assert!((residual - 1.0).abs() < 0.1, "{report}");
+        pixels(&folder.at(&out), "chart")
+    });
+    let peak = all[0].iter().fold(0.0f32, |m, v| m.max(*v));
+    let square: f32 = pairs(&all, &without).map(|(a, b)| (a - b) * (a - b)).sum();
+    let rms = (square / all[0].len() as f32).sqrt();
+    assert!(rms < 0.03 * peak, "{rms} of {peak}");
+}
+
+#[test]
+fn raws_that_cannot_be_restored_are_refused() {
+    let folder = Folder::new(64);
+    let film = folder.at("film.zarr");
+    expose(
+        &folder.at("clean.zarr"),
+        &folder.at("raw.zarr"),
+        "ideal-mono",
+        &["--exposure=auto", "--size=64", "--center=-2.937,-1.937"],
+    );
+    expose(
+        &folder.at("clean.zarr"),
+        &folder.at("roi.zarr"),
+        "ideal-mono",
+        &["--exposure=1s", "--roi=0,0,32,32", "--size=64", "--center=-2.937,-1.937"],
+    );
+    let refused = |raw: &str, flags: &[&str], texts: &[&str]| {
+        assert_error_line(&folder.restore(raw, "out.zarr", flags), 2, texts);
+        assert!(!folder.at("out.zarr").exists());
+    };
+    let clean = folder.at("clean.zarr");
+    refused("raw.zarr", &[], &["is a raw", "--film"]);
+    refused("film.zarr", &["--film", text(&film)], &["--film", "raws"]);
+    refused("film.zarr", &["--frame", "1"], &["--frame", "raws"]);
+    refused("raw.zarr", &["--film", text(&clean), "--noise", "1"], &["--noise", "sensor"]);
+    refused("raw.zarr", &["--film", text(&clean), "--frame", "3"], &["--frame 3", "1 frame"]);
+    refused("roi.zarr", &["--film", text(&clean)], &["region", "--roi"]);
+    let other = folder.at("other.zarr");
+    run(text(&folder.at("chart.zarr")), &other, LENS, &["--film-size=64"]).ok();
+    refused("raw.zarr", &["--film", text(&other)], &["not made of film", "--film"]);
+    assert_error_line(
+        &folder.restore("raw.zarr", "raw.zarr", &["--film", text(&clean), "--overwrite"]),
+        2,
+        &["raw.zarr"],
+    );
 }
 
 #[test]

@@ -5,7 +5,7 @@
 //! λ:  ρ(λ) = τ σ²                  increases with λ
 //! ```
 //! The prediction takes the lens to be the same over the part ([`super::local`]). Parts are then restored with the true lens, the mean square residual m is measured, and λ is that of
-//! ρ(λ) = τ σ² · ρ/m, until m is within [`CLOSE`] of τ σ².
+//! ρ(λ) = τ σ² · ρ/m, until m is within [`CLOSE`] of τ σ². Where pixels have weights λ is found from measured residuals alone ([`next`]).
 //!
 //! Source: Hansen, Discrete Inverse Problems (SIAM 2010), 5.2 (Morozov's discrepancy principle).
 
@@ -18,6 +18,9 @@ use std::f64::consts::TAU;
 pub const CLOSE: f64 = 0.05;
 /// λ over the square of the gain: the least, and the most.
 pub const LAMBDA: [f64; 2] = [1e-7, 1e3];
+/// Power of λ that a residual is taken for where none is known on the other side of its aim, and the largest step of log λ.
+const POWER: f64 = 0.3;
+const MOST: f64 = 3.5;
 /// Halvings of the interval of log λ: to 1e-6 of its value.
 const HALVINGS: usize = 26;
 
@@ -72,4 +75,26 @@ pub fn lambda(parts: &[PartPower], aim: f64) -> f64 {
         }
     }
     real::exp(0.5 * (low + high))
+}
+
+/// The next λ to try, of residuals (λ, mean square residual over its aim) that were `measured`, which increase with λ: between the nearest two around 1 by interpolation of their logarithms; beyond all by a
+/// power of the last.
+///
+/// # Panics
+/// Nothing measured.
+pub fn next(measured: &[(f64, f64)]) -> f64 {
+    let log = |(lambda, residual): (f64, f64)| (real::log(lambda), real::log(residual.max(1e-12)));
+    let logs = || measured.iter().copied().map(log);
+    let below = logs().filter(|(_, r)| *r < 0.0).max_by(|a, b| a.0.total_cmp(&b.0));
+    let above = logs().filter(|(_, r)| *r >= 0.0).min_by(|a, b| a.0.total_cmp(&b.0));
+    real::exp(match (below, above) {
+        (Some((low, below)), Some((high, above))) => {
+            let share = (-below / (above - below)).clamp(0.1, 0.9);
+            low + share * (high - low)
+        }
+        _ => {
+            let (last, residual) = logs().next_back().expect("a residual was measured");
+            last - (residual / POWER).clamp(-MOST, MOST)
+        }
+    })
 }

@@ -83,12 +83,19 @@ impl LocalSpectrum {
         Self { planes, size, sides, normal, differences }
     }
 
+    /// With a share `density` of the film pixels measured, evenly spread: N times it.
+    #[must_use]
+    pub fn with_density(mut self, density: f64) -> Self {
+        self.normal.iter_mut().for_each(|n| *n *= density);
+        self
+    }
+
     /// The shorter side of the transform.
     pub fn side_px(&self) -> usize {
         self.sides.height.min(self.sides.width)
     }
 
-    /// N(0): the square of the film's value per value of a uniform chart.
+    /// N(0): the square of the film's value per value of a uniform chart, times the density.
     pub fn square_of_gain(&self) -> f64 {
         self.normal[0]
     }

@@ -1,12 +1,13 @@
 //! Restoration with small operators: a matrix whose PSF varies, against dense solutions and invariants.
 
 use super::blend::Tiles;
-use super::discrepancy::{PartPower, lambda};
+use super::discrepancy::{PartPower, lambda, next};
 use super::local::LocalSpectrum;
+use super::mosaic::Samples;
 use super::noise::{NoiseEstimate, unit_noise};
 use super::places::{Place, Places};
 use super::response::Response;
-use super::{Operator, Part, richardson_lucy, tikhonov};
+use super::{Operator, Part, richardson_lucy, tikhonov, total_variation};
 use crate::geometry::{Rect, Size};
 use std::convert::Infallible;
 
@@ -102,6 +103,20 @@ fn solve(mut a: Vec<Vec<f64>>, mut b: Vec<f64>) -> Vec<f64> {
 /// The tolerance is that of the solver, and the rounding of f32 arrays times the condition of the matrix.
 #[test]
 fn tikhonov_is_the_solution_of_its_equation() {
+    is_the_solution(None);
+}
+
+/// Every fourth pixel is measured alone, as behind a filter of a mosaic, each with its own weight.
+#[test]
+fn tikhonov_with_weights_is_the_solution_of_its_equation() {
+    let weight = |i: usize| match (i / 18 % 2, i % 2) {
+        (0, 1) => 0.5 + (i % 7) as f32 / 4.0,
+        _ => 0.0,
+    };
+    is_the_solution(Some(&(0..14 * 18).map(weight).collect::<Vec<_>>()));
+}
+
+fn is_the_solution(weights: Option<&[f32]>) {
     let size = Size::new(14, 18);
     let operator = Blur(size);
     let (truth, lambda) = (picture(size), 3e-3);
@@ -109,8 +124,10 @@ fn tikhonov_is_the_solution_of_its_equation() {
     let used = Rect::new(1, 2, 12, 15);
     let free: Vec<bool> = (0..size.pixels()).map(|i| i / 18 > 1 && i % 18 > 2 && i % 18 < 16).collect();
     let start: Vec<f64> = film.iter().map(|v| f64::from(*v)).collect();
-    let part = Part { operator: &operator, film: &film, used, start: &start, free: &free };
-    let spectrum = LocalSpectrum::new(&operator, 5, size.rect()).unwrap();
+    let part =
+        Part { operator: &operator, film: &film, used, start: &start, free: &free, weights, background: 0.0 };
+    let spectrum =
+        LocalSpectrum::new(&operator, 5, size.rect()).unwrap().with_density(weights.map_or(1.0, |_| 0.25));
     let stop = tikhonov::Stop { tolerance: 1e-7, max_iterations: 200 };
     let found = tikhonov::restore(&part, &spectrum, lambda, stop).unwrap();
     assert!(found.converged && found.iterations < 60, "{} iterations", found.iterations);
@@ -122,7 +139,8 @@ fn tikhonov_is_the_solution_of_its_equation() {
     let is_used = |i: usize| used.contains(Rect::new((i / 18) as i64, (i % 18) as i64, 1, 1));
     let mut system: Vec<(Vec<f64>, f64)> = Vec::new();
     for (i, row) in rows.into_iter().enumerate().filter(|(i, _)| is_used(*i)) {
-        system.push((row, f64::from(film[i])));
+        let root = weights.map_or(1.0, |weights| f64::from(weights[i]).sqrt());
+        system.push((row.into_iter().map(|v| root * v).collect(), root * f64::from(film[i])));
     }
     for i in 0..size.pixels() {
         let next = [(i % 18 + 1 < 18, i + 1), (i / 18 + 1 < 14, i + 18)];
@@ -162,7 +180,15 @@ fn richardson_lucy_keeps_light_and_is_not_negative() {
     let film = film_of(&operator, &truth, 0.0);
     let free = vec![true; size.pixels()];
     let start = vec![truth.iter().sum::<f64>() / truth.len() as f64; size.pixels()];
-    let part = Part { operator: &operator, film: &film, used: size.rect(), start: &start, free: &free };
+    let part = Part {
+        operator: &operator,
+        film: &film,
+        used: size.rect(),
+        start: &start,
+        free: &free,
+        weights: None,
+        background: 0.0,
+    };
     let sum = |film: &[f32]| film.iter().map(|v| f64::from(*v)).sum::<f64>();
     let error = |chart: &[f64]| chart.iter().zip(&truth).map(|(a, b)| (a - b).powi(2)).sum::<f64>();
     let before = error(&film.iter().map(|v| f64::from(*v)).collect::<Vec<_>>());
@@ -190,10 +216,19 @@ fn lambda_of_the_discrepancy_leaves_the_noise() {
     assert!((power.residual(lambda) / (sigma * sigma) - 1.0).abs() < 1e-3);
     let start: Vec<f64> = film.iter().map(|v| f64::from(*v)).collect();
     let free = vec![true; size.pixels()];
-    let part = Part { operator: &operator, film: &film, used: size.rect(), start: &start, free: &free };
+    let part = Part {
+        operator: &operator,
+        film: &film,
+        used: size.rect(),
+        start: &start,
+        free: &free,
+        weights: None,
+        background: 0.0,
+    };
     let stop = tikhonov::Stop { tolerance: 1e-6, max_iterations: 100 };
     let found = tikhonov::restore(&part, &spectrum, lambda, stop).unwrap();
-    let measured = part.mean_square_residual(&found.chart, Rect::new(8, 8, 80, 80)).unwrap();
+    let (sum, count) = part.square_residual(&found.chart, Rect::new(8, 8, 80, 80)).unwrap();
+    let measured = sum / count as f64;
     assert!((measured / (sigma * sigma) - 1.0).abs() < 0.15, "{}", measured / (sigma * sigma));
 }
 
@@ -268,4 +303,123 @@ fn start_values_undo_scale_and_illumination() {
     let inner = Rect::new(7, 9, 13, 11);
     let (of_inner, _) = part(inner);
     assert!((0..13).all(|y| of_inner[y * 11..][..11] == start[(y + 12) * 43 + 6..][..11]));
+}
+
+#[test]
+fn means_of_samples_are_bilinear_between_those_of_a_bayer_mosaic() {
+    let rect = Rect::new(3, 5, 12, 14);
+    // A plane; red at even rows and columns of the sensor, other values elsewhere.
+    let value = |y: i64, x: i64| 2.0 * y as f32 - 3.0 * x as f32;
+    let places = || (rect.y..rect.bottom()).flat_map(|y| (rect.x..rect.right()).map(move |x| (y, x)));
+    let are_of_filter: Vec<bool> = places().map(|(y, x)| y % 2 == 0 && x % 2 == 0).collect();
+    let values: Vec<f32> =
+        places().zip(&are_of_filter).map(|((y, x), red)| if *red { value(y, x) } else { 1e6 }).collect();
+    let samples = Samples { values: &values, are_of_filter: &are_of_filter, rect };
+    let inner = Rect::new(5, 7, 8, 9);
+    let found = samples.means(inner, 1);
+    for (i, found) in found.iter().enumerate() {
+        let (y, x) = (inner.y + (i / inner.width) as i64, inner.x + (i % inner.width) as i64);
+        assert!((found - value(y, x)).abs() < 1e-4, "{y}, {x}: {found}");
+    }
+    let none = Samples { values: &values, are_of_filter: &vec![false; values.len()], rect };
+    assert!(none.means(inner, 2).iter().all(|v| v.is_nan()));
+}
+
+/// A saturated pixel and those behind other filters have no influence; electrons with read noise of σ² = b count as Poisson numbers.
+#[test]
+fn richardson_lucy_leaves_out_what_is_not_measured() {
+    let size = Size::new(20, 24);
+    let operator = Blur(size);
+    let truth = picture(size);
+    let mut film = film_of(&operator, &truth, 0.0);
+    let free = vec![true; size.pixels()];
+    let start = vec![0.5; size.pixels()];
+    let weights: Vec<f32> = (0..size.pixels()).map(|i| [0.0, 0.3, 2.0][i % 3]).collect();
+    let restore = |film: &[f32], background: f32| {
+        let part = Part {
+            operator: &operator,
+            film,
+            used: size.rect(),
+            start: &start,
+            free: &free,
+            weights: Some(&weights),
+            background,
+        };
+        richardson_lucy::restore(&part, 40).unwrap().chart
+    };
+    let [without, with] = [0.0, 0.2].map(|background| restore(&film, background));
+    for i in (0..film.len()).step_by(3) {
+        film[i] = 9.0;
+    }
+    assert_eq!(restore(&film, 0.0), without);
+    assert_ne!(with, without);
+    let error = |chart: &[f64]| {
+        let inner = (0..chart.len()).filter(|i| (3..17).contains(&(i / 24)) && (3..21).contains(&(i % 24)));
+        let (sum, count) = inner.fold((0.0, 0), |(sum, n), i| (sum + (chart[i] - truth[i]).powi(2), n + 1));
+        (sum / f64::from(count)).sqrt()
+    };
+    assert!(error(&without) < 0.1 && error(&with) < 0.12, "{} {}", error(&without), error(&with));
+}
+
+/// The condition of the minimum: no other chart near it has a smaller sum; and plateaus are restored better than by differences of neighbours.
+#[test]
+fn total_variation_is_least_at_its_solution() {
+    let size = Size::new(40, 44);
+    let operator = Blur(size);
+    let (truth, sigma) = (picture(size), 0.02);
+    let film = film_of(&operator, &truth, sigma);
+    let start: Vec<f64> = film.iter().map(|v| f64::from(*v)).collect();
+    let free: Vec<bool> = (0..size.pixels()).map(|i| i % 44 > 1).collect();
+    let used = size.rect();
+    let part = Part {
+        operator: &operator,
+        film: &film,
+        used,
+        start: &start,
+        free: &free,
+        weights: None,
+        background: 0.0,
+    };
+    let spectrum = LocalSpectrum::new(&operator, 5, used).unwrap();
+    let mu = 2e-3;
+    let stop = tikhonov::Stop { tolerance: 1e-6, max_iterations: 1000 };
+    let found = total_variation::restore(&part, &spectrum, mu, stop).unwrap();
+    assert!(found.converged, "{} iterations", found.iterations);
+    let variation = |chart: &[f64]| -> f64 {
+        let next = |i: usize, ok: bool, j: usize| if ok { chart[j] - chart[i] } else { 0.0 };
+        (0..chart.len())
+            .map(|i| next(i, i / 44 + 1 < 40, i + 44).hypot(next(i, i % 44 + 1 < 44, i + 1)))
+            .sum()
+    };
+    let sum = |chart: &[f64]| 0.5 * part.square_residual(chart, used).unwrap().0 + mu * variation(chart);
+    let least = sum(&found.chart);
+    let others =
+        [start.clone(), truth.clone(), tikhonov::restore(&part, &spectrum, 4e-3, stop).unwrap().chart];
+    for other in &others {
+        for share in [1.0, 0.1, 0.01] {
+            let chart: Vec<f64> = (0..other.len())
+                .map(|i| found.chart[i] + if free[i] { share * (other[i] - found.chart[i]) } else { 0.0 })
+                .collect();
+            assert!(sum(&chart) > least, "share {share}: {} {least}", sum(&chart));
+        }
+    }
+    assert!((0..free.len()).all(|i| free[i] || found.chart[i] == start[i]));
+    let error = |chart: &[f64]| {
+        let inner = (0..chart.len()).filter(|i| (3..37).contains(&(i / 44)) && (5..41).contains(&(i % 44)));
+        inner.map(|i| (chart[i] - truth[i]).powi(2)).sum::<f64>()
+    };
+    assert!(error(&found.chart) < 0.7 * error(&others[2]), "{} {}", error(&found.chart), error(&others[2]));
+}
+
+#[test]
+fn lambda_is_found_from_residuals_alone() {
+    for (power, factor) in [(0.1, 3.0), (0.9, 1e-4), (0.3, 40.0), (0.02, 1.2)] {
+        let residual = |lambda: f64| factor * lambda.powf(power) + 1e-3;
+        let mut measured = vec![(1e-4, residual(1e-4))];
+        while (measured[measured.len() - 1].1 - 1.0).abs() >= 0.05 {
+            assert!(measured.len() < 9, "power {power}: {measured:?}");
+            let lambda = next(&measured);
+            measured.push((lambda, residual(lambda)));
+        }
+    }
 }

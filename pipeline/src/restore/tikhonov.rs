@@ -74,7 +74,7 @@ pub fn restore<O: Operator>(
 }
 
 /// Adds λ DᵀD `chart` at the free pixels.
-fn add_smoothness<O: Operator>(part: &Part<'_, O>, lambda: f64, chart: &[f64], out: &mut [f64]) {
+pub(super) fn add_smoothness<O: Operator>(part: &Part<'_, O>, lambda: f64, chart: &[f64], out: &mut [f64]) {
     let Size { height, width } = part.operator.chart();
     for (i, to) in out.iter_mut().enumerate().filter(|(i, _)| part.free[*i]) {
         let (y, x, here) = (i / width, i % width, chart[i]);
@@ -95,10 +95,10 @@ fn add_smoothness<O: Operator>(part: &Part<'_, O>, lambda: f64, chart: &[f64], o
     }
 }
 
-fn dot(a: &[f64], b: &[f64]) -> f64 {
+pub(super) fn dot(a: &[f64], b: &[f64]) -> f64 {
     a.iter().zip(b).map(|(a, b)| a * b).sum()
 }
 
-fn largest(values: &[f64]) -> f64 {
+pub(super) fn largest(values: &[f64]) -> f64 {
     values.iter().fold(0.0, |m, v| m.max(v.abs()))
 }

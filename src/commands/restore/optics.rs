@@ -2,8 +2,7 @@
 //!
 //! Charts are on the *picture's grid*: the film's pixels, as places of the ideal image plane. x_mm = (x − axis_x) · pitch, y likewise.
 
-use super::recorded::Recorded;
-use crate::args::RestoreArgs;
+use super::recorded::{Grid, Plane, Recorded};
 use crate::failure::usage;
 use crate::job::arrays::{ArrayFilm, ArrayLens};
 use crate::progress::interrupt;
@@ -16,18 +15,16 @@ use std::sync::atomic::AtomicBool;
 /// The lens of a film.
 pub struct Optics {
     lens: ArrayLens,
-    film: Size,
-    pitch_um: f64,
-    /// (row, column).
-    axis_px: (f64, f64),
-    wavelengths_nm: Vec<f64>,
+    grid: Grid,
+    /// Planes, with the wavelength of the band whose places they have, nm.
+    planes: Vec<(Plane, f64)>,
     digest: Option<String>,
 }
 
-/// The map from the charts of a part of the picture to a part of the film, of one band, without tails of PSFs.
+/// The map from the charts of a part of the picture to a part of the film, of one plane, without tails of PSFs: the mean of its bands.
 pub struct Map {
     film: Arc<ArrayFilm>,
-    band: usize,
+    bands: Vec<(usize, f64)>,
     cancel: &'static AtomicBool,
 }
 
@@ -36,17 +33,15 @@ impl Optics {
     ///
     /// # Errors
     /// It cannot be opened; it is not the film's.
-    pub fn open(film: &Recorded, args: &RestoreArgs) -> Result<Self> {
-        let spec = film.spec();
+    pub fn open(film: &Recorded) -> Result<Self> {
+        let wavelengths_nm = film.film_wavelengths_nm();
         let open = |flags: &[String]| {
-            ArrayLens::open(flags, Some(spec.wavelengths_nm.clone())).with_context(|| {
-                format!("opening the lens of film {}; --lens names another path", args.film.display())
+            ArrayLens::open(flags, Some(wavelengths_nm.to_vec())).with_context(|| {
+                format!("opening the lens of film {}; --lens names another path", film.film_path().display())
             })
         };
         let mut lens = open(film.flags())?;
-        let (film_px, axis) = (spec.film, spec.axis_px);
-        let far = |axis: f64, n: usize| (axis + 0.5).abs().max((n as f64 - 0.5 - axis).abs());
-        let reach_mm = far(axis.0, film_px.height).hypot(far(axis.1, film_px.width)) * spec.pitch_um * 1e-3;
+        let reach_mm = film.film_reach_mm();
         if lens.is_symmetric_design() {
             // Tiles anywhere have the lens of the complete film.
             let mut flags = film.flags().to_vec();
@@ -54,34 +49,35 @@ impl Optics {
             lens = open(&flags)?;
         }
         // One map of places for all tiles.
-        for nm in &spec.wavelengths_nm {
+        let planes: Vec<(Plane, f64)> =
+            film.planes().iter().map(|plane| (plane.clone(), nearest(plane, wavelengths_nm))).collect();
+        for (_, nm) in &planes {
             lens.chart_of_film(&[[reach_mm, 0.0]], *nm)?;
         }
-        Ok(Self {
-            lens,
-            film: film_px,
-            pitch_um: spec.pitch_um,
-            axis_px: axis,
-            wavelengths_nm: spec.wavelengths_nm.clone(),
-            digest: film.lens_digest().map(str::to_owned),
-        })
+        let digest = film.comparable_digest().map(str::to_owned);
+        Ok(Self { lens, grid: film.grid(), planes, digest })
     }
 
     /// Size of the film.
     pub fn film(&self) -> Size {
-        self.film
+        self.grid.size
+    }
+
+    /// A plane.
+    pub fn plane(&self, plane: usize) -> &Plane {
+        &self.planes[plane].0
     }
 
     /// Places (row, column) of the picture that the film shows at places (row, column).
     ///
     /// # Errors
     /// Beyond the field of the lens.
-    pub fn picture_of_film(&self, band: usize, places: &[(f64, f64)]) -> Result<Vec<(f64, f64)>> {
+    pub fn picture_of_film(&self, plane: usize, places: &[(f64, f64)]) -> Result<Vec<(f64, f64)>> {
         let mm: Vec<[f64; 2]> = places.iter().map(|place| self.mm(*place)).collect();
-        let found = self.lens.chart_of_film(&mm, self.wavelengths_nm[band])?;
+        let found = self.lens.chart_of_film(&mm, self.planes[plane].1)?;
         let px = |[x, y]: [f64; 2]| {
-            let per_mm = 1e3 / self.pitch_um;
-            (y * per_mm + self.axis_px.0, x * per_mm + self.axis_px.1)
+            let per_mm = 1e3 / self.grid.pitch_um;
+            (y * per_mm + self.grid.axis_px.0, x * per_mm + self.grid.axis_px.1)
         };
         Ok(found.into_iter().map(px).collect())
     }
@@ -90,32 +86,32 @@ impl Optics {
     ///
     /// # Errors
     /// As [`Optics::picture_of_film`].
-    pub fn illumination(&self, band: usize, places: &[(f64, f64)]) -> Result<Vec<f64>> {
+    pub fn illumination(&self, plane: usize, places: &[(f64, f64)]) -> Result<Vec<f64>> {
         let mm: Vec<[f64; 2]> = places.iter().map(|place| self.mm(*place)).collect();
-        self.lens.relative_illumination(&mm, self.wavelengths_nm[band])
+        self.lens.relative_illumination(&mm, self.planes[plane].1)
     }
 
     fn mm(&self, (row, column): (f64, f64)) -> [f64; 2] {
-        let pitch_mm = self.pitch_um * 1e-3;
-        [(column - self.axis_px.1) * pitch_mm, (row - self.axis_px.0) * pitch_mm]
+        let pitch_mm = self.grid.pitch_um * 1e-3;
+        [(column - self.grid.axis_px.1) * pitch_mm, (row - self.grid.axis_px.0) * pitch_mm]
     }
 
     /// The map from charts of `chart`, a rectangle of the picture's grid, to films of `film`, one of the film.
     ///
     /// # Errors
     /// The lens cannot be traced; it is not the film's.
-    pub fn map(&self, band: usize, chart: Rect, film: Rect) -> Result<Map> {
+    pub fn map(&self, plane: usize, chart: Rect, film: Rect) -> Result<Map> {
         let middle = |first: i64, n: usize, axis: f64| {
-            (first as f64 + (n as f64 - 1.0) / 2.0 - axis) * self.pitch_um * 1e-3
+            (first as f64 + (n as f64 - 1.0) / 2.0 - axis) * self.grid.pitch_um * 1e-3
         };
         let flags = [
-            format!("--film-pitch-um={}", self.pitch_um),
+            format!("--film-pitch-um={}", self.grid.pitch_um),
             format!("--film-size={}x{}", film.width, film.height),
-            format!("--axis={},{}", self.axis_px.1 - film.x as f64, self.axis_px.0 - film.y as f64),
+            format!("--axis={},{}", self.grid.axis_px.1 - film.x as f64, self.grid.axis_px.0 - film.y as f64),
             format!(
                 "--center={},{}",
-                middle(chart.x, chart.width, self.axis_px.1),
-                middle(chart.y, chart.height, self.axis_px.0)
+                middle(chart.x, chart.width, self.grid.axis_px.1),
+                middle(chart.y, chart.height, self.grid.axis_px.0)
             ),
         ];
         let film = self.lens.film(chart.size(), &flags)?;
@@ -126,19 +122,39 @@ impl Optics {
                 self.digest.as_deref().unwrap_or_default()
             )));
         }
-        Ok(Map { film, band, cancel: interrupt::cancel_flag() })
+        Ok(Map { film, bands: self.planes[plane].0.bands.clone(), cancel: interrupt::cancel_flag() })
     }
 }
 
+/// The wavelength of the band nearest to a plane.
+fn nearest(plane: &Plane, wavelengths_nm: &[f64]) -> f64 {
+    let distance = |nm: &f64| (nm - plane.wavelength_nm).abs();
+    *wavelengths_nm.iter().min_by(|a, b| distance(a).total_cmp(&distance(b))).expect("a film has bands")
+}
+
 impl Map {
-    /// Side of its PSF windows, film pixels.
+    /// Side of its PSF windows, film pixels: the largest of its bands.
     pub fn window_px(&self) -> usize {
-        self.film.window_px(self.band)
+        self.bands.iter().map(|(band, _)| self.film.window_px(*band)).max().unwrap_or(1)
     }
 
     /// Film value per chart value on the axis.
     pub fn gain(&self) -> f64 {
-        self.film.gain(self.band)
+        self.bands.iter().map(|(band, share)| share * self.film.gain(*band)).sum()
+    }
+
+    /// The mean over the bands of what `of` computes for each.
+    fn mean(&self, out: &mut [f32], of: impl Fn(usize, &mut [f32]) -> Result<()>) -> Result<()> {
+        if let [(band, 1.0)] = self.bands[..] {
+            return of(band, out);
+        }
+        let mut part = vec![0.0; out.len()];
+        out.fill(0.0);
+        for (band, share) in &self.bands {
+            of(*band, &mut part)?;
+            out.iter_mut().zip(&part).for_each(|(sum, value)| *sum += *share as f32 * value);
+        }
+        Ok(())
     }
 }
 
@@ -156,10 +172,10 @@ impl Operator for Map {
     }
 
     fn apply(&self, chart: &[f32], film: &mut [f32]) -> Result<()> {
-        self.film.compute_in_windows(self.band, chart, film, self.cancel)
+        self.mean(film, |band, film| self.film.compute_in_windows(band, chart, film, self.cancel))
     }
 
     fn transpose(&self, film: &[f32], chart: &mut [f32]) -> Result<()> {
-        self.film.adjoint_in_windows(self.band, film, chart, self.cancel)
+        self.mean(chart, |band, chart| self.film.adjoint_in_windows(band, film, chart, self.cancel))
     }
 }

@@ -15,20 +15,26 @@ const MAX_RESIDUAL: f64 = 1.3;
 
 /// The attribute `restored` of the chart.
 pub fn attributes(args: &RestoreArgs, film: &Recorded, roi: Rect, settings: &[Settings]) -> Value {
-    json!({
-        "film": film.path().display().to_string(),
+    let mut record = json!({
+        "film": film.film_path().display().to_string(),
         "film_job_digest": film.job_digest(),
         "lens": film.lens(),
         "lens_digest": film.lens_digest(),
         "method": method_name(args.method),
         "film_rectangle": [roi.x, roi.y, roi.width as i64, roi.height as i64],
         "bands": settings.iter().map(|s| band(film, s)).collect::<Vec<_>>(),
-    })
+    });
+    if let Some(raw) = film.raw() {
+        record["raw"] = args.film.display().to_string().into();
+        record["raw_job_digest"] = raw.job_digest().into();
+        record["frame"] = raw.frame().into();
+    }
+    record
 }
 
 fn band(film: &Recorded, settings: &Settings) -> Value {
     let mut value = json!({
-        "wavelength_nm": film.spec().wavelengths_nm[settings.solver.band],
+        "wavelength_nm": film.planes()[settings.solver.plane].wavelength_nm,
         "noise": settings.noise,
         "noise_is_estimated": settings.is_estimated,
         "mean_square_residual_of_noise": settings.residual,
@@ -36,6 +42,14 @@ fn band(film: &Recorded, settings: &Settings) -> Value {
     });
     let (name, strength) = parameter(settings);
     value[name] = strength;
+    let plane = &film.planes()[settings.solver.plane];
+    if let Some(name) = &plane.name {
+        value["plane"] = name.as_str().into();
+    }
+    if film.raw().is_some() {
+        let share = |(band, share): &(usize, f64)| json!([film.film_wavelengths_nm()[*band], share]);
+        value["film_bands"] = plane.bands.iter().map(share).collect();
+    }
     for figures in &settings.figures {
         value[figures.name] = json!({
             "noise_gain": figures.noise_gain,
@@ -89,23 +103,36 @@ pub fn print_done(
 fn note_on_residual(film: &Recorded, settings: &Settings) -> String {
     let times = settings.residual.sqrt();
     format!(
-        "note: at {} nm the film of the restored chart differs from the film by {times:.1} times the noise, so that the picture has more noise and rings than it need have: the film's noise is \
+        "note: at {} the film of the restored chart differs from the film by {times:.1} times the noise, so that the picture has more noise and rings than it need have: the film's noise is \
          larger, or the film has what this lens does not make; --noise {:.1e} restores what agrees within that",
-        number(film.spec().wavelengths_nm[settings.solver.band]),
+        label(film, settings),
         times * settings.noise
     )
+}
+
+/// Wavelength of what is restored, with the name of a colour plane.
+fn label(film: &Recorded, settings: &Settings) -> String {
+    let plane = &film.planes()[settings.solver.plane];
+    match &plane.name {
+        None => format!("{} nm", number(plane.wavelength_nm)),
+        Some(name) => format!("{name} ({} nm)", number(plane.wavelength_nm)),
+    }
 }
 
 fn print_band(film: &Recorded, settings: &Settings) {
     let (name, strength) = parameter(settings);
     let strength = match settings.solver.strength {
-        Strength::Lambda(lambda) => format!("{lambda:.2e}"),
+        Strength::Lambda(strength) | Strength::Mu(strength) => format!("{strength:.2e}"),
         Strength::Iterations(_) => strength.to_string(),
     };
-    let source = if settings.is_estimated { "estimated" } else { "given" };
+    let source = match (settings.is_estimated, film.raw()) {
+        (true, _) => "estimated",
+        (false, Some(_)) => "of the sensor",
+        (false, None) => "given",
+    };
     print(format!(
-        "{} nm: noise {:.3e} ({source}), {name} {strength}, mean square residual {:.3} of the noise's, halo {} px",
-        number(film.spec().wavelengths_nm[settings.solver.band]),
+        "{}: noise {:.3e} ({source}), {name} {strength}, mean square residual {:.3} of the noise's, halo {} px",
+        label(film, settings),
         settings.noise,
         settings.residual,
         settings.solver.halo_px

@@ -4,7 +4,7 @@
 //! [`pipeline::restore::discrepancy`]: predicted from up to [`PATCHES`]² patches of the film, corrected by the residuals of the samples.
 
 use super::optics::Optics;
-use super::recorded::Recorded;
+use super::recorded::{Pixels, Recorded};
 use super::tile::{Solver, Strength, Tile};
 use crate::args::{RestoreArgs, RestoreMethod};
 use crate::failure::usage;
@@ -12,9 +12,10 @@ use anyhow::Result;
 use pipeline::geometry::{Rect, Size};
 use pipeline::restore::discrepancy::{self, CLOSE, PartPower};
 use pipeline::restore::local::LocalSpectrum;
-use pipeline::restore::noise::{NoiseEstimate, unit_noise};
+use pipeline::restore::noise::unit_noise;
 use pipeline::restore::response::Response;
 use pipeline::restore::richardson_lucy::Iteration;
+use pipeline::restore::total_variation;
 use pipeline::restore::{Operator, Restored};
 
 /// Side of a sample, px.
@@ -22,11 +23,16 @@ const SAMPLE_PX: usize = 96;
 /// Patches along each side of the film from which λ is predicted, and their side.
 const PATCHES: usize = 4;
 const PATCH_PX: usize = 256;
-/// Pixels of a film of which its noise is estimated, about, and rows that are read together.
-const NOISE_PIXELS: usize = 4_000_000;
-const ROWS: usize = 256;
 /// Corrections of λ by the residuals of the samples, at most.
 const CORRECTIONS: usize = 3;
+/// Further values of λ that are tried on the samples of a raw, at most.
+const TRIALS: usize = 8;
+/// Steps that find μ, at most; steps between two changes of μ, and their power of the residual; how close the residual comes, for how many steps.
+const MAX_MU_STEPS: usize = 150;
+const MU_STEPS: usize = 3;
+const MU_POWER: f64 = 1.5;
+const MU_CLOSE: f64 = 0.03;
+const MU_STILL: usize = 8;
 /// Iterations of Richardson-Lucy without `--iterations`, at most.
 const MAX_ITERATIONS: usize = 200;
 /// Error of a pixel of a restored picture, of the peak; of the figures, of theirs.
@@ -74,41 +80,54 @@ struct Sample {
     core: Rect,
     tile: Tile,
     spectrum: LocalSpectrum,
-    film: Vec<f32>,
+    film: Pixels,
     /// Film pixels that show the core.
     measured: Rect,
 }
 
 impl Settings {
-    /// Those of band `band` of `film`.
+    /// Those of plane `plane` of `film`.
     ///
     /// # Errors
     /// The film cannot be read; the lens cannot be traced; usage: an empty film.
-    pub fn of_band(args: &RestoreArgs, film: &Recorded, optics: &Optics, band: usize) -> Result<Self> {
-        let (peak, estimated) = survey(film, band)?;
+    pub fn of_plane(args: &RestoreArgs, film: &Recorded, optics: &Optics, plane: usize) -> Result<Self> {
+        let (peak, estimated) = film.survey(plane)?;
         if peak <= 0.0 {
             return Err(usage(format!(
-                "film {}: band {band} has no positive value: nothing to restore; leave it out with --bands",
+                "{}: band {plane} has no positive value: nothing to restore; leave it out with --bands",
                 args.film.display()
             )));
         }
         let noise = args.noise.unwrap_or(estimated).max(LEAST_NOISE * peak);
-        let size = film.spec().film;
+        let size = film.grid().size;
         // A first map for the window, of a small part in the middle.
         let middle = sample_core(size, (0.5, 0.5));
-        let probe = optics.map(band, middle, middle)?;
+        let probe = optics.map(plane, middle, middle)?;
         let (window_px, gain) = (probe.window_px(), probe.gain());
         let tolerance = TOLERANCE * peak / gain;
         let mut samples = Vec::new();
         for (name, at) in [("center", (0.5, 0.5)), ("corner", (1.0, 1.0)), ("half-way", (0.25, 0.25))] {
-            samples.extend(Sample::new(film, optics, band, (name, sample_core(size, at)), window_px)?);
+            let place = (name, sample_core(size, at));
+            samples.extend(Sample::new(film, optics, (plane, noise), place, window_px)?);
         }
-        let solver =
-            Solver { band, strength: Strength::Lambda(0.0), halo_px: window_px, window_px, tolerance };
-        let is_estimated = args.noise.is_none();
+        let solver = Solver {
+            plane,
+            strength: Strength::Lambda(0.0),
+            halo_px: window_px,
+            window_px,
+            tolerance,
+            noise,
+        };
+        let is_estimated = args.noise.is_none() && film.raw().is_none();
         let mut settings = Self { solver, noise, is_estimated, residual: 0.0, figures: Vec::new() };
         match args.method {
-            RestoreMethod::Tikhonov => settings.find_lambda(film, &samples)?,
+            RestoreMethod::Tikhonov => {
+                settings.find_lambda(film, &samples)?;
+            }
+            RestoreMethod::TotalVariation => {
+                let lambda = settings.find_lambda(film, &samples)?;
+                settings.find_mu(lambda * peak / gain, &samples)?;
+            }
             RestoreMethod::RichardsonLucy => settings.find_iterations(args.iterations, &samples)?,
         }
         for sample in samples.iter().filter(|sample| sample.name != "half-way") {
@@ -117,49 +136,109 @@ impl Settings {
         Ok(settings)
     }
 
-    /// λ by the discrepancy principle.
-    fn find_lambda(&mut self, film: &Recorded, samples: &[Sample]) -> Result<()> {
-        let aim = self.noise * self.noise;
+    /// λ by the discrepancy principle, and the halo.
+    fn find_lambda(&mut self, film: &Recorded, samples: &[Sample]) -> Result<f64> {
         let spectrum = &samples[0].spectrum;
-        let patches = patches(film, self.solver.band, spectrum)?;
+        let patches = patches(film, (self.solver.plane, self.noise), spectrum)?;
+        let first = discrepancy::lambda(&patches, self.noise * self.noise);
+        let lambda = match film.raw() {
+            None => self.lambda_of_patches(first, &patches, samples)?,
+            Some(_) => self.lambda_of_samples(first, samples)?,
+        };
+        self.solver.strength = Strength::Lambda(lambda);
+        self.solver.halo_px = spectrum
+            .reach_px(lambda, BEYOND_HALO)
+            .clamp(self.solver.window_px, MAX_HALO_PX.max(self.solver.window_px));
+        Ok(lambda)
+    }
+
+    /// Mean square residual of the samples restored with `lambda`, of the square of the noise.
+    fn residual_of_samples(&self, lambda: f64, samples: &[Sample]) -> Result<f64> {
+        let (mut squares, mut pixels) = (0.0, 0.0);
+        for sample in samples {
+            let restored = sample.restored(Strength::Lambda(lambda), 1e2 * self.solver.tolerance)?;
+            let (of_sample, measured) = sample.square_residual(&restored.chart)?;
+            squares += of_sample;
+            pixels += measured as f64;
+        }
+        Ok(squares / pixels / (self.noise * self.noise))
+    }
+
+    /// λ of the patches, with the ratio of what is measured of the samples to what is predicted of them.
+    fn lambda_of_patches(&mut self, first: f64, patches: &[PartPower], samples: &[Sample]) -> Result<f64> {
+        let aim = self.noise * self.noise;
         let of_sample = |sample: &Sample| {
             let Rect { y, x, height, width } = sample.measured;
-            let row =
-                |k: usize| &sample.film[(y as usize + k) * sample.tile.film.width + x as usize..][..width];
+            let row = |k: usize| {
+                &sample.film.values[(y as usize + k) * sample.tile.film.width + x as usize..][..width]
+            };
             let part: Vec<f32> = (0..height).flat_map(row).copied().collect();
             PartPower::new(&sample.spectrum, &part, Size::new(height, width))
         };
         let of_samples: Vec<PartPower> = samples.iter().map(of_sample).collect();
-        let mut lambda = discrepancy::lambda(&patches, aim);
         let mean = |parts: &[PartPower], lambda: f64| {
             parts.iter().map(|part| part.residual(lambda)).sum::<f64>() / parts.len() as f64
         };
+        let mut lambda = first;
         for correction in 0..=CORRECTIONS {
-            let (mut squares, mut pixels) = (0.0, 0.0);
-            for sample in samples {
-                let strength = Strength::Lambda(lambda);
-                let restored = sample.restored(strength, 1e2 * self.solver.tolerance)?;
-                squares += sample.square_residual(&restored.chart)?;
-                pixels += sample.measured.size().pixels() as f64;
-            }
-            let measured = squares / pixels;
-            // The patches, with the ratio of what was measured to what was predicted of the samples.
+            let measured = aim * self.residual_of_samples(lambda, samples)?;
             let ratio = measured / mean(&of_samples, lambda);
-            let predicted = ratio * mean(&patches, lambda);
+            let predicted = ratio * mean(patches, lambda);
             self.residual = predicted / aim;
             if (self.residual - 1.0).abs() < CLOSE || correction == CORRECTIONS {
                 break;
             }
-            let next = discrepancy::lambda(&patches, aim / ratio);
+            let next = discrepancy::lambda(patches, aim / ratio);
             if (next / lambda - 1.0).abs() < 1e-3 {
                 break;
             }
             lambda = next;
         }
-        self.solver.strength = Strength::Lambda(lambda);
-        self.solver.halo_px = spectrum
-            .reach_px(lambda, BEYOND_HALO)
-            .clamp(self.solver.window_px, MAX_HALO_PX.max(self.solver.window_px));
+        Ok(lambda)
+    }
+
+    /// λ of the samples alone: the pixels of a raw have weights, of which no spectrum tells.
+    fn lambda_of_samples(&mut self, first: f64, samples: &[Sample]) -> Result<f64> {
+        let (mut lambda, mut measured) = (first, Vec::new());
+        for trial in 0..=TRIALS {
+            self.residual = self.residual_of_samples(lambda, samples)?;
+            measured.push((lambda, self.residual));
+            if (self.residual - 1.0).abs() < CLOSE || trial == TRIALS {
+                break;
+            }
+            lambda = discrepancy::next(&measured);
+        }
+        Ok(lambda)
+    }
+
+    /// μ by the discrepancy principle, from `first`: changed every few steps until the residual of the samples is that of the noise.
+    fn find_mu(&mut self, first: f64, samples: &[Sample]) -> Result<()> {
+        let starts: Vec<Vec<f64>> = samples.iter().map(|s| s.tile.start(&s.film)).collect();
+        let parts: Vec<_> =
+            samples.iter().zip(&starts).map(|(s, start)| s.tile.part(&s.film, start)).collect();
+        let mut mu = first;
+        let mut iterations =
+            parts.iter().map(|part| total_variation::Iteration::new(part, mu)).collect::<Result<Vec<_>>>()?;
+        let mut close = 0;
+        for done in 1..=MAX_MU_STEPS {
+            let (mut squares, mut pixels) = (0.0, 0.0);
+            for ((iteration, part), sample) in iterations.iter_mut().zip(&parts).zip(samples) {
+                iteration.step(part, &sample.spectrum)?;
+                let (of_sample, measured) = iteration.square_residual(part, sample.measured);
+                squares += of_sample;
+                pixels += measured as f64;
+            }
+            self.residual = squares / pixels / (self.noise * self.noise);
+            close = if (self.residual - 1.0).abs() < MU_CLOSE { close + 1 } else { 0 };
+            if close == MU_STILL {
+                break;
+            }
+            if done % MU_STEPS == 0 && (self.residual - 1.0).abs() > 0.5 * MU_CLOSE {
+                mu *= self.residual.powf(-MU_POWER).clamp(0.5, 2.0);
+                iterations.iter_mut().for_each(|iteration| iteration.set_mu(mu));
+            }
+        }
+        self.solver.strength = Strength::Mu(mu);
         Ok(())
     }
 
@@ -177,8 +256,9 @@ impl Settings {
             if given.is_none() || done == most {
                 let (mut squares, mut pixels) = (0.0, 0.0);
                 for (iteration, sample) in iterations.iter().zip(samples) {
-                    squares += sample.square_residual(iteration.chart())?;
-                    pixels += sample.measured.size().pixels() as f64;
+                    let (of_sample, measured) = sample.square_residual(iteration.chart())?;
+                    squares += of_sample;
+                    pixels += measured as f64;
                 }
                 self.residual = squares / pixels / (self.noise * self.noise);
             }
@@ -221,11 +301,12 @@ impl Settings {
     /// What `amplitude` times `pattern`, added to the film of a sample, adds to its restored core.
     fn difference(&self, sample: &Sample, pattern: &[f64], amplitude: f64) -> Result<Vec<f64>> {
         let is_linear = matches!(self.solver.strength, Strength::Lambda(_));
-        let base = |k: usize| if is_linear { 0.0 } else { f64::from(sample.film[k]) };
-        let film = |amplitude: f64| -> Vec<f32> {
-            pattern.iter().enumerate().map(|(k, v)| (base(k) + amplitude * v) as f32).collect()
+        let base = |k: usize| if is_linear { 0.0 } else { f64::from(sample.film.values[k]) };
+        let film = |amplitude: f64| -> Pixels {
+            let values = pattern.iter().enumerate().map(|(k, v)| (base(k) + amplitude * v) as f32).collect();
+            Pixels { values, weights: sample.film.weights.clone() }
         };
-        let restore = |film: &[f32]| -> Result<Vec<f64>> {
+        let restore = |film: &Pixels| -> Result<Vec<f64>> {
             let tolerance = FIGURE_TOLERANCE * amplitude;
             let restored =
                 sample.tile.restored(Some(&sample.spectrum), film, self.solver.strength, tolerance)?;
@@ -244,13 +325,13 @@ impl Sample {
     fn new(
         film: &Recorded,
         optics: &Optics,
-        band: usize,
+        (plane, noise): (usize, f64),
         (name, core): (&'static str, Rect),
         window_px: usize,
     ) -> Result<Option<Self>> {
-        let Some(tile) = Tile::new(optics, band, core, (window_px, window_px))? else { return Ok(None) };
-        let pixels = film.read(band, tile.film)?;
-        let (spectrum, measured) = (tile.spectrum()?, tile.film_rect(optics, band, core)?);
+        let Some(tile) = Tile::new(optics, plane, core, (window_px, window_px))? else { return Ok(None) };
+        let pixels = film.read(plane, tile.film, noise)?;
+        let (spectrum, measured) = (tile.spectrum()?, tile.film_rect(optics, plane, core)?);
         Ok(Some(Self { name, core, spectrum, film: pixels, measured, tile }))
     }
 
@@ -258,11 +339,10 @@ impl Sample {
         self.tile.restored(Some(&self.spectrum), &self.film, strength, tolerance)
     }
 
-    /// Sum of the squares of the residual over the film pixels of the core.
-    fn square_residual(&self, chart: &[f64]) -> Result<f64> {
+    /// Sum of the weighted squares of the residual over the film pixels of the core, and the number of those that are measured.
+    fn square_residual(&self, chart: &[f64]) -> Result<(f64, usize)> {
         let start = Vec::new();
-        let mean = self.tile.part(&self.film, &start).mean_square_residual(chart, self.measured)?;
-        Ok(mean * self.measured.size().pixels() as f64)
+        self.tile.part(&self.film, &start).square_residual(chart, self.measured)
     }
 }
 
@@ -273,23 +353,13 @@ fn sample_core(size: Size, (down, across): (f64, f64)) -> Rect {
     Rect::new(at(size.height - height, down), at(size.width - width, across), height, width)
 }
 
-/// The largest value of a band, and its noise.
-fn survey(film: &Recorded, band: usize) -> Result<(f64, f64)> {
-    let size = film.spec().film;
-    let mut estimate = NoiseEstimate::default();
-    let mut peak = 0.0f64;
-    for strip in size.rect().tiles(ROWS, size.width) {
-        let pixels = film.read(band, strip)?;
-        peak = pixels.iter().fold(peak, |m, v| m.max(f64::from(*v)));
-        let count = (NOISE_PIXELS * strip.height).div_ceil(size.height);
-        estimate.add(&pixels, strip.width, count);
-    }
-    Ok((peak, estimate.sigma()))
-}
-
 /// Powers of patches of the film, evenly spaced.
-fn patches(film: &Recorded, band: usize, spectrum: &LocalSpectrum) -> Result<Vec<PartPower>> {
-    let size = film.spec().film;
+fn patches(
+    film: &Recorded,
+    (plane, noise): (usize, f64),
+    spectrum: &LocalSpectrum,
+) -> Result<Vec<PartPower>> {
+    let size = film.grid().size;
     let most = spectrum.side_px().min(PATCH_PX);
     let (height, width) = (most.min(size.height), most.min(size.width));
     let along = |n: usize, side: usize| {
@@ -302,8 +372,8 @@ fn patches(film: &Recorded, band: usize, spectrum: &LocalSpectrum) -> Result<Vec
     let mut all = Vec::new();
     for y in along(size.height, height) {
         for x in along(size.width, width) {
-            let pixels = film.read(band, Rect::new(y as i64, x as i64, height, width))?;
-            all.push(PartPower::new(spectrum, &pixels, Size::new(height, width)));
+            let pixels = film.read(plane, Rect::new(y as i64, x as i64, height, width), noise)?;
+            all.push(PartPower::new(spectrum, &pixels.values, Size::new(height, width)));
         }
     }
     Ok(all)

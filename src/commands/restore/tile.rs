@@ -10,12 +10,13 @@
 //! Light from outside T is that of the start values; the halo is as wide as the solution depends on it ([`super::settings`]).
 
 use super::optics::{Map, Optics};
-use super::recorded::Recorded;
+use super::recorded::{Pixels, Recorded};
 use anyhow::Result;
 use pipeline::geometry::{Rect, Size};
 use pipeline::restore::local::LocalSpectrum;
 use pipeline::restore::places::{Place, Places, STEP};
-use pipeline::restore::{Part, Restored, richardson_lucy, tikhonov};
+use pipeline::restore::tikhonov::{self, Stop};
+use pipeline::restore::{Part, Restored, richardson_lucy, total_variation};
 
 /// Steps of the iteration that finds the place of a chart point on the film. Each reduces the error by the relative change of scale, a few per cent.
 const PLACE_STEPS: usize = 8;
@@ -23,12 +24,17 @@ const PLACE_STEPS: usize = 8;
 const MARGIN_PX: usize = 4;
 /// Iterations of the solver, at most.
 const MAX_ITERATIONS: usize = 100;
+/// Steps of total variation, at most, and the change of a pixel in a step that ends them over the tolerance.
+const MAX_STEPS: usize = 200;
+const STILL: f64 = 30.0;
 
 /// Strength of regularisation.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub enum Strength {
-    /// Of Tikhonov.
+    /// λ of Tikhonov.
     Lambda(f64),
+    /// μ of total variation.
+    Mu(f64),
     /// Of Richardson-Lucy.
     Iterations(usize),
 }
@@ -36,9 +42,9 @@ pub enum Strength {
 /// How the tiles of a band are restored.
 #[derive(Clone, Copy, Debug)]
 pub struct Solver {
-    /// Band of the film.
-    pub band: usize,
-    /// λ or iterations.
+    /// What is restored: number of the plane.
+    pub plane: usize,
+    /// λ, μ or iterations.
     pub strength: Strength,
     /// Pixels around a tile.
     pub halo_px: usize,
@@ -46,6 +52,8 @@ pub struct Solver {
     pub window_px: usize,
     /// Error of a pixel, chart values.
     pub tolerance: f64,
+    /// σ of a film pixel, to which the weights of pixels are relative.
+    pub noise: f64,
 }
 
 /// What was computed.
@@ -83,35 +91,39 @@ pub struct Tile {
     /// T, in C.
     pub free_rect: Rect,
     places: Places,
+    /// Share of the film pixels that measure the plane.
+    density: f64,
+    /// Variance in the dark over the value of an electron.
+    background: f64,
 }
 
 impl Tile {
-    /// The tile that restores `extent` of band `band` with a halo of `halo_px`, for PSF windows of `window_px`; `None` if the film shows nothing of it.
+    /// The tile that restores `extent` of plane `plane` with a halo of `halo_px`, for PSF windows of `window_px`; `None` if the film shows nothing of it.
     ///
     /// # Errors
     /// The lens cannot be traced.
     pub fn new(
         optics: &Optics,
-        band: usize,
+        plane: usize,
         extent: Rect,
         (halo_px, window_px): (usize, usize),
     ) -> Result<Option<Self>> {
         let all = optics.film().rect();
-        let shown = bounds(&optics.picture_of_film(band, &border(all))?);
+        let shown = bounds(&optics.picture_of_film(plane, &border(all))?);
         let free = extent.grown(halo_px).intersect(shown);
         if free.is_empty() {
             return Ok(None);
         }
-        let used = on_film(optics, band, free)?.intersect(all);
+        let used = on_film(optics, plane, free)?.intersect(all);
         if used.is_empty() {
             return Ok(None);
         }
         let film = used.grown(window_px / 2 + MARGIN_PX).intersect(all);
-        let of_film = bounds(&optics.picture_of_film(band, &border(film))?);
+        let of_film = bounds(&optics.picture_of_film(plane, &border(film))?);
         let beside = window_px / 2 + window_px / 16 + MARGIN_PX;
         let chart = union(union(of_film.grown(beside), free.grown(1)), extent);
-        let map = optics.map(band, chart, film)?;
-        let places = Places::new(chart, places_of(optics, band, &Places::points(chart))?);
+        let map = optics.map(plane, chart, film)?;
+        let places = Places::new(chart, places_of(optics, plane, &Places::points(chart))?);
         let free_rect = Rect::new(free.y - chart.y, free.x - chart.x, free.height, free.width);
         Ok(Some(Self {
             free: places.shown(free_rect, optics.film()),
@@ -121,12 +133,14 @@ impl Tile {
             film,
             free_rect,
             places,
+            density: optics.plane(plane).density,
+            background: optics.plane(plane).background,
         }))
     }
 
     /// Start values of its chart of `film`, the pixels of F.
-    pub fn start(&self, film: &[f32]) -> Vec<f64> {
-        self.places.start(film, self.film, self.map.gain())
+    pub fn start(&self, film: &Pixels) -> Vec<f64> {
+        self.places.start(&film.values, self.film, self.map.gain())
     }
 
     /// The local spectrum of its map.
@@ -134,20 +148,29 @@ impl Tile {
     /// # Errors
     /// As the map's.
     pub fn spectrum(&self) -> Result<LocalSpectrum> {
-        LocalSpectrum::new(&self.map, self.map.window_px(), self.free_rect)
+        let spectrum = LocalSpectrum::new(&self.map, self.map.window_px(), self.free_rect)?;
+        Ok(if self.density == 1.0 { spectrum } else { spectrum.with_density(self.density) })
     }
 
     /// Its problem, of `film`, the pixels of F, from `start`.
-    pub fn part<'a>(&'a self, film: &'a [f32], start: &'a [f64]) -> Part<'a, Map> {
-        Part { operator: &self.map, film, used: self.used, start, free: &self.free }
+    pub fn part<'a>(&'a self, film: &'a Pixels, start: &'a [f64]) -> Part<'a, Map> {
+        Part {
+            operator: &self.map,
+            film: &film.values,
+            used: self.used,
+            weights: film.weights.as_deref(),
+            background: self.background as f32,
+            start,
+            free: &self.free,
+        }
     }
 
     /// The film pixels that show `rect` of the picture, in F.
     ///
     /// # Errors
     /// As [`Optics::picture_of_film`].
-    pub fn film_rect(&self, optics: &Optics, band: usize, rect: Rect) -> Result<Rect> {
-        let found = on_film(optics, band, rect)?.intersect(self.film);
+    pub fn film_rect(&self, optics: &Optics, plane: usize, rect: Rect) -> Result<Rect> {
+        let found = on_film(optics, plane, rect)?.intersect(self.film);
         Ok(Rect::new(found.y - self.film.y, found.x - self.film.x, found.height, found.width))
     }
 
@@ -158,26 +181,30 @@ impl Tile {
     pub fn restored(
         &self,
         spectrum: Option<&LocalSpectrum>,
-        film: &[f32],
+        film: &Pixels,
         strength: Strength,
         tolerance: f64,
     ) -> Result<Restored> {
         let start = self.start(film);
         let part = self.part(film, &start);
+        let own;
+        let spectrum = match spectrum {
+            Some(spectrum) => spectrum,
+            None => {
+                own = self.spectrum()?;
+                &own
+            }
+        };
         match strength {
-            Strength::Iterations(count) => richardson_lucy::restore(&part, count),
+            Strength::Mu(mu) => {
+                let stop = Stop { tolerance: STILL * tolerance, max_iterations: MAX_STEPS };
+                total_variation::restore(&part, spectrum, mu, stop)
+            }
             Strength::Lambda(lambda) => {
-                let own;
-                let spectrum = match spectrum {
-                    Some(spectrum) => spectrum,
-                    None => {
-                        own = self.spectrum()?;
-                        &own
-                    }
-                };
-                let stop = tikhonov::Stop { tolerance, max_iterations: MAX_ITERATIONS };
+                let stop = Stop { tolerance, max_iterations: MAX_ITERATIONS };
                 tikhonov::restore(&part, spectrum, lambda, stop)
             }
+            Strength::Iterations(count) => richardson_lucy::restore(&part, count),
         }
     }
 
@@ -199,11 +226,11 @@ pub fn restore(
     solver: &Solver,
     extent: Rect,
 ) -> Result<(Vec<f64>, Counts)> {
-    let found = Tile::new(optics, solver.band, extent, (solver.halo_px, solver.window_px))?;
+    let found = Tile::new(optics, solver.plane, extent, (solver.halo_px, solver.window_px))?;
     let Some(tile) = found else {
         return Ok((vec![0.0; extent.size().pixels()], Counts { tiles: 1, ..Counts::default() }));
     };
-    let pixels = film.read(solver.band, tile.film)?;
+    let pixels = film.read(solver.plane, tile.film, solver.noise)?;
     let restored = tile.restored(None, &pixels, solver.strength, solver.tolerance)?;
     let counts = Counts {
         tiles: 1,
@@ -214,24 +241,24 @@ pub fn restore(
 }
 
 /// The smallest rectangle around the places of the film that show `rect` of the picture.
-fn on_film(optics: &Optics, band: usize, rect: Rect) -> Result<Rect> {
-    let places = places_of(optics, band, &border(rect))?;
+fn on_film(optics: &Optics, plane: usize, rect: Rect) -> Result<Rect> {
+    let places = places_of(optics, plane, &border(rect))?;
     Ok(bounds(&places.iter().map(|place| (place.row, place.column)).collect::<Vec<_>>()))
 }
 
 /// The places on the film, or beside it, of points (row, column) of the picture.
-fn places_of(optics: &Optics, band: usize, points: &[(f64, f64)]) -> Result<Vec<Place>> {
+fn places_of(optics: &Optics, plane: usize, points: &[(f64, f64)]) -> Result<Vec<Place>> {
     let Size { height, width } = optics.film();
     let inside = |(y, x): (f64, f64)| (y.clamp(0.0, (height - 1) as f64), x.clamp(0.0, (width - 1) as f64));
     let mut places: Vec<(f64, f64)> = points.iter().map(|p| inside(*p)).collect();
-    let mut shown = optics.picture_of_film(band, &places)?;
+    let mut shown = optics.picture_of_film(plane, &places)?;
     for _ in 0..PLACE_STEPS {
         for ((place, shown), point) in places.iter_mut().zip(&shown).zip(points) {
             *place = inside((place.0 + point.0 - shown.0, place.1 + point.1 - shown.1));
         }
-        shown = optics.picture_of_film(band, &places)?;
+        shown = optics.picture_of_film(plane, &places)?;
     }
-    let illumination = optics.illumination(band, &places)?;
+    let illumination = optics.illumination(plane, &places)?;
     let of = |k: usize| {
         let (place, point, at) = (places[k], points[k], shown[k]);
         // Beyond the border the scale is that of the border, 1 to a few per cent.

@@ -1,4 +1,4 @@
-//! Motion of the camera during an exposure, from a table (`--motion`): one frame of one time, of a film that reaches beyond the sensor by the motion.
+//! Motion of the camera during an exposure, from a table of shifts or of a gyroscope's rates (`--motion`): one frame of one time, of a film that reaches beyond the sensor by the motion.
 
 use super::exposure::Times;
 use super::film::FilmPlane;
@@ -7,9 +7,10 @@ use crate::args::ExposeArgs;
 use crate::failure::usage;
 use crate::film::digest;
 use anyhow::Result;
-use formats::sensor::camera_motion;
+use formats::sensor::{self, camera_motion};
 use pipeline::sensor::Sensor;
 use pipeline::sensor::angle::radians;
+use pipeline::sensor::gyro;
 use pipeline::sensor::motion::{Motion, Pose, RowTimes};
 use serde_json::{Value, json};
 use std::path::Path;
@@ -38,7 +39,12 @@ impl CameraMotion {
         sensor: &Sensor,
         (film, geometry): (&FilmPlane, &Geometry),
     ) -> Result<Option<Self>> {
-        let Some(path) = &args.motion else { return Ok(None) };
+        let Some(path) = &args.motion else {
+            return match args.focal_length_mm {
+                None => Ok(None),
+                Some(_) => Err(usage("--focal-length-mm is for --motion with the rates of a gyroscope")),
+            };
+        };
         let exposure_s = match times {
             Times::Given(times) if times.len() == 1 && args.frames == 1 && !args.keep_signal => times[0],
             _ => {
@@ -47,7 +53,8 @@ impl CameraMotion {
                 ));
             }
         };
-        let table = camera_motion(path).map_err(|e| usage(e.to_string()))?;
+        let motion = camera_motion(path).map_err(|e| usage(e.to_string()))?;
+        let (sensor::CameraMotion::Shifts(table) | sensor::CameraMotion::Rates(table)) = &motion;
         let rows = &geometry.rows;
         let row_px = rows.ratio();
         let middle_px = 0.5 * film.size.height as f64 + rows.centre_um / film.pitch_um;
@@ -58,16 +65,14 @@ impl CameraMotion {
             first_px: middle_px - 0.5 * rows.sensor_px as f64 * row_px,
             row_px,
         };
-        check_covers(path, &table, times.end_s())?;
-        let pose = |[time_s, x_um, y_um, degrees]: &[f64; 4]| Pose {
-            time_s: *time_s,
-            x_um: *x_um,
-            y_um: *y_um,
-            rotation_rad: radians(*degrees),
-        };
+        check_covers(path, table, times.end_s())?;
         let axis = |n: usize, axis_um: f64| (n as f64 - 1.0) / 2.0 + axis_um / film.pitch_um;
         let axis_px = (axis(film.size.height, film.axis_um.0), axis(film.size.width, film.axis_um.1));
-        let poses = table.iter().map(pose).collect();
+        let poses = poses(args, path, &motion)?;
+        let identity_of_table = match args.focal_length_mm {
+            None => json!(table),
+            Some(mm) => json!([mm, table]),
+        };
         let motion = Motion::new(poses, times, (film.size, film.pitch_um, axis_px));
         if motion.steps() > MAX_STEPS || motion.margin_px() > MAX_MARGIN_PX {
             return Err(usage(format!(
@@ -79,7 +84,7 @@ impl CameraMotion {
         }
         check_inside(path, &motion, film, geometry)?;
         let identity = json!({
-            "table": digest(&json!(table)),
+            "table": digest(&identity_of_table),
             "exposure_s": exposure_s,
             "row_time_s": sensor.row_time_s,
         });
@@ -99,6 +104,36 @@ impl CameraMotion {
     /// What is printed.
     pub fn note(&self) -> String {
         self.note.clone()
+    }
+}
+
+/// The poses of a table.
+///
+/// # Errors
+/// Usage: rates without a focal length, or shifts with one.
+fn poses(args: &ExposeArgs, path: &Path, motion: &sensor::CameraMotion) -> Result<Vec<Pose>> {
+    match (motion, args.focal_length_mm) {
+        (sensor::CameraMotion::Shifts(rows), None) => {
+            let pose = |[time_s, x_um, y_um, degrees]: &[f64; 4]| Pose {
+                time_s: *time_s,
+                x_um: *x_um,
+                y_um: *y_um,
+                rotation_rad: radians(*degrees),
+            };
+            Ok(rows.iter().map(pose).collect())
+        }
+        (sensor::CameraMotion::Rates(rows), Some(mm)) => {
+            let in_radians = |[t, x, y, z]: &[f64; 4]| [*t, radians(*x), radians(*y), radians(*z)];
+            Ok(gyro::poses(&rows.iter().map(in_radians).collect::<Vec<_>>(), mm))
+        }
+        (sensor::CameraMotion::Rates(_), None) => Err(usage(format!(
+            "--motion {} has the rates of a gyroscope: give --focal-length-mm, which makes them shifts of the picture",
+            path.display()
+        ))),
+        (sensor::CameraMotion::Shifts(_), Some(_)) => Err(usage(format!(
+            "--focal-length-mm is for rates of a gyroscope; --motion {} has shifts of the picture",
+            path.display()
+        ))),
     }
 }
 

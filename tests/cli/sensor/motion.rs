@@ -81,6 +81,36 @@ fn a_point_becomes_a_line_and_keeps_its_light() {
     assert_eq!(numbers(&exposed(&place, "rest.zarr", &film, Some(&rest), &time)), still);
 }
 
+/// A constant rate is a shift that grows with time; the camera turns up and to the right, the picture moves down and to the left, and counter-clockwise as the camera turns clockwise.
+#[test]
+fn rates_of_a_gyroscope_are_shifts_by_the_focal_length() {
+    let place = Place::new();
+    let film = film(&place);
+    let time = ["--exposure", "10ms"];
+    // 20 mm times the tangent of 0.04 degrees; 0.3 degrees.
+    let shift_um = 20e3 * 0.04f64.to_radians().tan();
+    let shifts = table(&place, "shifts.csv", &format!("0,0,0,0\n0.01,{},{shift_um},-0.3\n", -shift_um));
+    let rates = place.at("rates.csv");
+    fs::write(
+        &rates,
+        "time_s,rate_x_deg_s,rate_y_deg_s,rate_z_deg_s\n-0.001,4,4,30\n0.004,4,4,30\n0.011,4,4,30\n",
+    )
+    .unwrap();
+    let expected = numbers(&exposed(&place, "shifts.zarr", &film, Some(&shifts), &time));
+    let flags = [&time[..], &["--focal-length-mm", "20"]].concat();
+    let found = numbers(&exposed(&place, "rates.zarr", &film, Some(&rates), &flags));
+    let still = numbers(&exposed(&place, "still.zarr", &film, None, &time));
+    let largest = |a: &[f64]| a.iter().zip(&expected).map(|(a, b)| (a - b).abs()).fold(0.0, f64::max);
+    let peak = still.iter().copied().fold(0.0, f64::max);
+    assert!(largest(&found) < 1e-3 * peak && largest(&still) > 0.5 * peak, "{} {peak}", largest(&found));
+    let refused = |file: &Path, flags: &[&str], expected: &str| {
+        let all = [&OWN[..], &["--motion", file.to_str().unwrap()], &time, flags].concat();
+        assert_exit(&sensor(&film, &place.at("no"), &all), USAGE, &[expected]);
+    };
+    refused(&rates, &[], "give --focal-length-mm");
+    refused(&shifts, &["--focal-length-mm", "20"], "has shifts of the picture");
+}
+
 #[test]
 fn a_rolling_shutter_slants_a_column() {
     let place = Place::new();

@@ -19,6 +19,9 @@ use pipeline::figures::on_film::BandOnFilm;
 use pipeline::geometry::Frame;
 use pipeline::lens::PsfSample;
 
+/// Share of a design's field within which PSFs lie by default: tracing needs half a window beyond them, where the lens may have no rays.
+const WITHIN_FIELD: f64 = 0.95;
+
 /// A lens before its PSFs are known.
 pub enum PsfLens {
     Pack(Box<LensPack>),
@@ -113,8 +116,8 @@ impl PsfLens {
         }
     }
 
-    /// Half the sides (X, Y) of the default film, mm: of a lens with rotational symmetry those of the square within its image circle, of another pack those of
-    /// its map.
+    /// Half the sides (X, Y) of the default film, mm: of a pack with rotational symmetry those of the square within its image circle, of a design those of 0.95
+    /// of it, of another pack those of its map.
     ///
     /// # Errors
     /// Usage: a design that has neither.
@@ -132,7 +135,7 @@ impl PsfLens {
                 "{} has no rotational symmetry: give the film that it is traced for, --film-size WxH (with --film-pitch-um)",
                 args.lens
             ))),
-            Self::Design(system, _) => Ok(within(design_reach_mm(system)?)),
+            Self::Design(system, _) => Ok(within(WITHIN_FIELD * design_reach_mm(system)?)),
         }
     }
 
