@@ -11,6 +11,7 @@ from pathlib import Path
 
 import h5py
 import hdf5storage
+import imagecodecs
 import numpy as np
 import OpenEXR
 import rasterio
@@ -295,6 +296,31 @@ def raws(scratch):
         check(cast < 0.01 and error < 2, f"{sensor}: LibRaw's development has a cast of {cast}, mean colour difference {error}")
 
 
+def camera_raws(scratch):
+    """A DNG of lossless JPEG tiles that tifffile and imagecodecs write, with borders and levels that LibRaw reads alike, has the report of the program's own DNG."""
+    own, other = scratch / "example-2um.dng", scratch / "tiles.dng"
+    with rawpy.imread(str(own)) as found:
+        mosaic, black, white = found.raw_image.copy(), found.black_level_per_channel[0], found.white_level
+    with tifffile.TiffFile(own) as file:
+        tags = {tag.code: tag for page in file.pages for tag in page.tags.values()}
+    kept = [(code, int(tags[code].dtype), tags[code].count, tags[code].value, True) for code in (33421, 33422, 50721, 50722, 50728, 50778, 50779)]
+    top, left, side = 6, 10, 128
+    whole = np.pad(mosaic, ((top, 4), (left, 6)), constant_values=black)
+    height, width = whole.shape
+    padded = np.pad(whole, ((0, -height % side), (0, -width % side)))
+    tiles = (imagecodecs.ljpeg_encode(np.ascontiguousarray(padded[y:y + side, x:x + side]), bitspersample=16) for y in range(0, height, side) for x in range(0, width, side))
+    area = (top, left, top + mosaic.shape[0], left + mosaic.shape[1])
+    levels = [(50706, 1, 4, bytes([1, 4, 0, 0]), True), (50708, 2, 6, "tiles", True), (50714, 4, 1, black, True), (50717, 4, 1, white, True), (50829, 4, 4, area, True)]
+    tifffile.imwrite(other, tiles, shape=whole.shape, dtype=np.uint16, photometric=32803, tile=(side, side), compression="jpeg", metadata=None, extratags=[*levels, *kept])
+    with rawpy.imread(str(other)) as found:
+        check(np.array_equal(found.raw_image_visible, mosaic), "LibRaw reads another mosaic in tiles of lossless JPEG")
+    sections = []
+    for dng in (own, other):
+        lenscube("report", dng, "--chart", "checker?size=600x400", "--out", scratch / "report", "--overwrite")
+        sections.append(json.loads((scratch / "report/report.json").read_text())["cameras"][0]["sections"][0]["values"])
+    check(sections[0] == sections[1], f"the report of a DNG in tiles of lossless JPEG differs: mean of {sections[1]['mean_delta_e_2000']}, expected {sections[0]['mean_delta_e_2000']}")
+
+
 with tempfile.TemporaryDirectory() as tmp:
     charts(Path(tmp))
     films(Path(tmp))
@@ -302,5 +328,6 @@ with tempfile.TemporaryDirectory() as tmp:
     pictures(Path(tmp))
     hdf5(Path(tmp))
     raws(Path(tmp))
+    camera_raws(Path(tmp))
 print(f"{interop.done} checks: zarr-python {zarr.__version__}, xarray {xarray.__version__}, tensorstore, OpenEXR {OpenEXR.__version__}, "
       f"tifffile {tifffile.__version__}, h5py {h5py.__version__}, LibRaw {'.'.join(map(str, rawpy.libraw_version))}, spectral and NumPy read files of lenscube, and lenscube reads theirs")

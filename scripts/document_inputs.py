@@ -235,7 +235,7 @@ PAGES = {
     "films.md": ["chart.zarr"],
     "lenses.md": ["MY.zmx", "SECRET.zmx", "TILTED.zmx", "chart.zarr", "tables"],
     "light.md": ["chart.zarr"],
-    "restoration.md": ["film.zarr"],
+    "restoration.md": ["film.zarr", "raw.zarr"],
     "scenes.md": ["room.glb"],
     "tolerances.md": ["chart.zarr", "tol.toml", "MY.zmx"],
 }

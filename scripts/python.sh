@@ -8,7 +8,7 @@ OPTILAND_PINS=(numpy==2.4.6 zarr==3.1.5 numcodecs==0.16.6 scipy==1.17.1 optiland
 # Packages that write charts and read films and exports, and those of the Python package, which the documents' commands use, with plots.
 INTEROP_PINS=(numpy==2.4.6 zarr==3.1.5 xarray==2026.9.0 tensorstore==0.1.86 OpenEXR==3.5.3 rawpy==0.28.0 tifffile==2026.3.3 spectral==0.25
     h5py==3.16.0 h5netcdf==1.8.2 hdf5storage==0.2.2 scipy==1.17.1 rasterio==1.4.4 pillow==13.0.0 pandas==3.1.1
-    tqdm==4.70.1 matplotlib==3.11.2)
+    tqdm==4.70.1 matplotlib==3.11.2 imagecodecs==2026.3.6)
 
 # python_with NAME PIN...: sets `python` to an interpreter with these packages, in an environment under target/ that is created once.
 # Without Python, or if pip fails, it returns 1 and sets `python_lacks` to the reason.

@@ -1,5 +1,6 @@
-//! Raws of a sensor: frames and their development.
+//! Raws of a sensor: frames and their development; raws of other cameras.
 
+pub mod dng;
 pub mod frame;
 mod noise;
 pub mod recipe;

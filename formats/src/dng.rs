@@ -1,4 +1,4 @@
-//! DNG 1.4 of one frame: classic TIFF, 16-bit uncompressed strips.
+//! DNG: raws of cameras are read ([`CameraRaw`]); a frame of a raw is written as DNG 1.4, a classic TIFF of 16-bit uncompressed strips.
 //!
 //! Mosaic as CFA (Bayer and quad patterns of R, G, B), a monochrome raw as LinearRaw. Colour matrices (XYZ to the camera, illuminants A and
 //! D65), neutral and noise profile are those of the sensor's own description, not estimates:
@@ -10,13 +10,20 @@
 //! A reader that applies ColorMatrix2 to a frame of D65 has the matrix of [`pipeline::develop`]. Source: Adobe, Digital Negative
 //! Specification 1.4.0.0 (2012); TIFF/EP (ISO 12234-2) for CFARepeatPatternDim, CFAPattern and ExposureTime.
 
+mod error;
 mod gain_map;
+mod ifd;
+mod lossless_jpeg;
+mod read;
+mod samples;
 
 use std::ops::Range;
 use std::path::Path;
 
+pub use error::DngError;
 pub use gain_map::GainMaps;
 use pipeline::geometry::Size;
+pub use read::{CameraRaw, is_dng};
 
 use crate::developed::strips::{Page, Value};
 use crate::export::ExportError;

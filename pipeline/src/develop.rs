@@ -18,6 +18,7 @@ mod demosaic;
 mod error;
 pub mod matrix;
 pub mod merge;
+pub mod profile;
 pub mod shading;
 pub mod tone;
 

@@ -8,6 +8,7 @@
 //! | modulation of a Siemens star | [`star`]: s-SFR | |
 //! | texture MTF of dead leaves | [`texture`]: cross-correlation with the chart | |
 //! | tones, noise, dynamic range of grey patches | [`tones`]; [`mod@visual_noise`] as an observer sees it | |
+//! | gain of a camera in DN | [`mod@photon_transfer`]: variance over mean of grey patches | |
 //! | distortion, lateral colour of dots | [`dots`] | |
 //! | shading of light and colour | [`shading`] | |
 //! | veiling glare, flare of a lamp | mean of a black area over that of a white one; [`flare`] | closed forms of its kernels |
@@ -24,6 +25,7 @@ pub mod edge;
 pub mod expected;
 pub mod fiducial;
 pub mod flare;
+pub mod photon_transfer;
 pub mod projective;
 pub mod sfr;
 pub mod shading;

@@ -13,12 +13,12 @@ use std::path::PathBuf;
 #[command(after_help = "Examples:\n  lenscube report edges.raw.zarr --chart iso12233-esfr --out report\n  \
 lenscube report star.png checker.png --chart siemens --chart checker --out report\n  \
 lenscube report a.raw.zarr --chart dot-grid --against b.raw.zarr --out report\n  \
-lenscube report photo.tif --chart 'checker?fiducials=40' --out report\n\
+lenscube report photo.dng --chart 'checker?fiducials=40' --out report\n\
 Charts and what they tell: iso12233-esfr (e-SFR; OECF, noise, dynamic range), slanted-edge (e-SFR), siemens (s-SFR), dead-leaves (texture),\n\
 oecf (OECF, noise, visual noise, dynamic range), dot-grid (distortion, lateral colour), uniform (shading), black-spots (veiling glare),\n\
 checker (colour errors). Make them by `lenscube chart`; give here the settings that they were made with. `lenscube help reports`")]
 pub struct ReportArgs {
-    /// Pictures of charts, one chart each: raws of `lenscube sensor`, PNG, TIFF, JPEG, WebP or OpenEXR
+    /// Pictures of charts, one chart each: raws of `lenscube sensor`, DNG of any camera, PNG, TIFF, JPEG, WebP or OpenEXR
     #[arg(value_name = "PICTURE", required = true)]
     pub pictures: Vec<String>,
     /// Chart of each picture in turn, or one for all: KIND or KIND?key=value…; its film is as large as the picture, or, with fiducials, of the size that is given

@@ -134,7 +134,10 @@ pub fn command(args: &ReportArgs) -> Result<()> {
             };
             let placed = Placed::find(&picture, text, corners)?;
             for (_, measure) in measures(&placed.chart.spec().kind) {
-                sections.push(measure(&placed, args).with_context(|| format!("chart {text} in {name}"))?);
+                let mut section =
+                    measure(&placed, args).with_context(|| format!("chart {text} in {name}"))?;
+                section.camera = picture.camera().map(str::to_owned);
+                sections.push(section);
             }
         }
         let name = args.name.get(side).cloned().unwrap_or_else(|| pictures.join(", "));
@@ -171,7 +174,7 @@ fn check_counts(args: &ReportArgs) -> Result<()> {
 fn write(args: &ReportArgs, cameras: &[Camera]) -> Result<()> {
     create_directories(&args.out, true)?;
     let mut names: Vec<String> = FILES.map(str::to_owned).to_vec();
-    let section = |s: &Section| json!({ "section": s.slug, "picture": s.picture, "standard": s.standard, "remarks": s.remarks, "values": s.json });
+    let section = |s: &Section| json!({ "section": s.slug, "picture": s.picture, "camera": s.camera, "standard": s.standard, "remarks": s.remarks, "values": s.json });
     let camera = |c: &Camera| json!({ "name": c.name, "sections": c.sections.iter().map(section).collect::<Vec<Value>>() });
     let all = json!({ "program": format!("lenscube {}", env!("CARGO_PKG_VERSION")), "cameras": cameras.iter().map(camera).collect::<Vec<Value>>() });
     let mut out = vec![

@@ -7,6 +7,7 @@
 //! The chart appears at OUT when it is complete; a run that is stopped leaves nothing there. In memory: a shard of the chart, and some thirty arrays of a tile.
 
 mod optics;
+mod planes;
 mod raw;
 mod recorded;
 mod report;

@@ -20,12 +20,16 @@ struct Folder(tempfile::TempDir);
 
 impl Folder {
     fn new(size: usize) -> Self {
+        Self::of("composite", size)
+    }
+
+    fn of(kind: &str, size: usize) -> Self {
         let folder = Self(tempfile::tempdir().unwrap());
         let size = size.to_string();
         let chart = folder.at("chart.zarr");
         lenscube(&[
             "chart",
-            "composite",
+            kind,
             text(&chart),
             "--size",
             &size,
@@ -172,7 +176,7 @@ fn the_film_of_a_design_is_restored_with_the_lens_that_it_records() {
 /// Closer to the chart than differences of neighbours; the residual is that of the noise; tiles differ by what plateaus depend on beyond halos.
 #[test]
 fn total_variation_restores_plateaus() {
-    let folder = Folder::new(200);
+    let folder = Folder::of("dead-leaves", 144);
     let (reference, noise) = (folder.at("chart.zarr"), NOISE.to_string());
     let restored = |out: &str, flags: &[&str]| {
         let flags = [&["--noise", &noise, "--json"], flags].concat();
@@ -182,14 +186,15 @@ fn total_variation_restores_plateaus() {
     let (_, smooth) = restored("smooth.zarr", &[]);
     let method = ["--method", "total-variation"];
     let (report, plateaus) = restored("one.zarr", &method);
-    assert!(plateaus < 0.9 * smooth, "{smooth}, total variation {plateaus}");
+    assert!(plateaus < 0.85 * smooth, "{smooth}, total variation {plateaus}");
     let residual = report["bands"][0]["mean_square_residual_of_noise"].as_f64().unwrap();
     assert!((residual - 1.0).abs() < 0.1 && report["unconverged_tiles"] == 0, "{report}");
     assert!(report["bands"][0]["mu"].as_f64().unwrap() > 0.0, "{report}");
-    restored("many.zarr", &[&method[..], &["--tile", "100"]].concat());
-    let [(_, one), (_, many)] = ["one.zarr", "many.zarr"].map(|name| pixels(&folder.at(name), "chart"));
+    restored("many.zarr", &[&method[..], &["--tile", "72", "--roi", "36,0,72,144"]].concat());
+    let [(size, one), (_, many)] = ["one.zarr", "many.zarr"].map(|name| pixels(&folder.at(name), "chart"));
     let peak = one[0].iter().fold(0.0f32, |m, v| m.max(*v));
-    let largest = pairs(&one, &many).map(|(a, b)| (a - b).abs()).fold(0.0, f32::max);
+    let part: Vec<f32> = one[0].chunks(size.width).flat_map(|row| &row[36..108]).copied().collect();
+    let largest = part.iter().zip(&many[0]).map(|(a, b)| (a - b).abs()).fold(0.0, f32::max);
     assert!(largest < 5e-3 * peak, "{} of the peak", largest / peak);
 }
 

@@ -5,7 +5,7 @@
 //! x ← argmin ½ Σ w (A x − film)² + ρ/2 ‖D x − z + u‖²       (AᵀwA + ρ DᵀD) x = Aᵀw film + ρ Dᵀ(z − u), a few conjugate gradients from the x before
 //! z ← v max(0, 1 − κ/|v|),  u ← v − z                       v = D x + u,  κ = μ/ρ
 //! ```
-//! μ has the unit of film value squared per chart value. κ, a difference of chart values, only decides how fast it converges: it is [`STEP`] of the largest start value. A x and AᵀwA x are
+//! μ has the unit of film value squared per chart value. κ, a difference of chart values, only decides how fast it converges: it is 0.05 of the largest start value. A x and AᵀwA x are
 //! kept, so that a step costs as many A and Aᵀ as conjugate gradients, and the residual nothing.
 //!
 //! Left out: differences of second order; small details of low contrast become plateaus. Source: Rudin, Osher and Fatemi, Physica D 60, 259 (1992); Boyd et al., Foundations and Trends in
@@ -132,10 +132,11 @@ impl Iteration {
         for i in 0..self.chart.len() {
             let next = differences(&self.chart, size, i);
             let v: [f64; 2] = std::array::from_fn(|axis| next[axis] + self.scaled[axis][i]);
-            let keep = (1.0 - self.kappa / v[0].hypot(v[1]).max(self.kappa)).max(0.0);
-            for axis in 0..2 {
-                self.target[axis][i] = keep * v[axis];
-                self.scaled[axis][i] = v[axis] - keep * v[axis];
+            let length = (v[0] * v[0] + v[1] * v[1]).sqrt();
+            let keep = (1.0 - self.kappa / length.max(self.kappa)).max(0.0);
+            for (v, (z, u)) in v.into_iter().zip(self.target.iter_mut().zip(&mut self.scaled)) {
+                z[i] = keep * v;
+                u[i] = v - keep * v;
             }
         }
     }

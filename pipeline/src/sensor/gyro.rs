@@ -7,7 +7,7 @@
 //! shift right = −f tan θ_y        shift down = f tan θ_x        rotation = −θ_z (clockwise)
 //! ```
 //! f: focal length. Left out: the order of rotations, a change of θ² of a shift, and perspective: off the axis a shift grows by 1 + tan² of the field angle, of which the film has that at its middle.
-//! Poses are linear in time: each interval between samples has [`PARTS`] of them, which leaves 1/PARTS² of the curvature.
+//! Poses are linear in time: each interval between samples has eight of them, which leaves 1/64 of the curvature.
 
 use super::motion::Pose;
 use crate::real;

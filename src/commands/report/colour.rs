@@ -133,6 +133,7 @@ fn section(
         title: "Colour",
         standard: "CIEDE2000 (ISO/CIE 11664-6) against the spectra of the chart; metamerism index after ISO 17321-1:2012, from published descriptions of it",
         picture: placed.picture.name.clone(),
+        camera: None,
         figures,
         remarks,
         plots: vec![plot.figure(args.style)],

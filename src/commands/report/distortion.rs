@@ -200,6 +200,7 @@ fn section(
         title: "Distortion and lateral colour",
         standard: "after ISO 17850:2015 and ISO 19084:2015, from published descriptions of them; against a chart without distortion of the magnification in the middle, displacement, rotation and tilt fitted",
         picture: placed.picture.name.clone(),
+        camera: None,
         figures,
         remarks,
         plots,

@@ -138,8 +138,9 @@ fn section(placed: &Placed<'_>, all: &[Index]) -> Section {
     Section {
         slug: "glare",
         title: "Veiling glare",
-        standard: "after ISO 18844:2017, from published descriptions of it; black discs on a white chart, linear in light; raws in electrons",
+        standard: "after ISO 18844:2017, from published descriptions of it; black discs on a white chart, linear in light; raws in electrons, or digital numbers of a DNG",
         picture: placed.picture.name.clone(),
+        camera: None,
         figures,
         remarks,
         plots: Vec::new(),

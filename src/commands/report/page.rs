@@ -77,6 +77,9 @@ fn summary(cameras: &[Camera]) -> String {
 /// A section of one camera.
 fn side(section: &Section, camera: &str) -> String {
     let mut text = format!("<h3>{}</h3><p class=\"note\">{}</p>", escape(camera), escape(&section.picture));
+    if let Some(camera) = &section.camera {
+        text += &format!("<p class=\"note\">{}</p>", escape(camera));
+    }
     if !section.remarks.is_empty() {
         let all: Vec<String> = section.remarks.iter().map(|r| format!("<li>{}</li>", escape(r))).collect();
         text += &format!("<ul class=\"doubtful\">{}</ul>", all.concat());

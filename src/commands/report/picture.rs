@@ -1,10 +1,12 @@
-//! Pictures that are measured: raws, developed and pixel by pixel, and files of pictures; linear in light.
+//! Pictures that are measured: raws and DNGs, developed and pixel by pixel, and files of pictures; linear in light.
 
 use crate::args::{DevelopStyle, ReportArgs};
 use crate::camera::Developer;
+use crate::camera::dng::{DngPicture, DngPlane};
 use crate::camera::frame::{Frame, split_group};
 use crate::commands::measure::plane::Plane;
 use crate::failure::usage;
+use crate::progress::log_line;
 use anyhow::{Context, Result};
 use formats::chart::image::{ImageFile, Transfer};
 use formats::raw::{RawSpec, RawStore};
@@ -26,6 +28,8 @@ pub struct Picture {
 enum Source {
     /// A raw.
     Raw(Box<Developer>),
+    /// A raw of another camera.
+    Dng(Box<DngPicture>),
     /// Linear channels, white being 1.
     Channels { source: Box<dyn ChartSource>, count: usize, is_float: bool },
 }
@@ -41,10 +45,10 @@ pub struct Colour {
 }
 
 impl Picture {
-    /// Opens a raw or a file of a picture.
+    /// Opens a raw, a DNG or a file of a picture.
     ///
     /// # Errors
-    /// It is neither, or does not decode; a raw that is not complete.
+    /// It is none, or does not decode; a raw that is not complete.
     pub fn open(name: &str, args: &ReportArgs, threads: usize) -> Result<Self> {
         let path = Path::new(split_group(name).0);
         let source = if RawStore::is_one(path).unwrap_or(false) {
@@ -62,6 +66,12 @@ impl Picture {
             }
             if args.frame != 0 {
                 return Err(usage(format!("--frame {}: {name} is not a raw", args.frame)));
+            }
+            if formats::dng::is_dng(path) {
+                let dng = DngPicture::open(path)?;
+                log_line(format!("{name}: {}", dng.raw.description));
+                dng.raw.notes.iter().for_each(|note| log_line(format!("{name}: {note}")));
+                return Ok(Self { name: name.into(), source: Source::Dng(Box::new(dng)) });
             }
             let file = ImageFile::open(path)?;
             if file.spectral().is_some() {
@@ -81,6 +91,7 @@ impl Picture {
     pub fn size(&self) -> Size {
         match &self.source {
             Source::Raw(developer) => developer.rect().size(),
+            Source::Dng(dng) => dng.size(),
             Source::Channels { source, .. } => source.size(),
         }
     }
@@ -89,13 +100,25 @@ impl Picture {
     pub fn frame(&self) -> Option<&Frame> {
         match &self.source {
             Source::Raw(developer) => Some(&developer.frame),
-            Source::Channels { .. } => None,
+            Source::Dng(_) | Source::Channels { .. } => None,
         }
     }
 
     /// Unit of [`Picture::colours`].
     pub fn unit(&self) -> &'static str {
-        if self.frame().is_some() { "e-" } else { "of white" }
+        match &self.source {
+            Source::Raw(_) => "e-",
+            Source::Dng(_) => "DN",
+            Source::Channels { .. } => "of white",
+        }
+    }
+
+    /// The camera and its exposure, if the file names them.
+    pub fn camera(&self) -> Option<&str> {
+        match &self.source {
+            Source::Dng(dng) => Some(&dng.raw.description),
+            Source::Raw(_) | Source::Channels { .. } => None,
+        }
     }
 
     /// Its channels in `rect`, one after the other: grey, or linear sRGB.
@@ -105,16 +128,11 @@ impl Picture {
     pub fn channels(&self, rect: Rect) -> Result<Vec<Vec<f32>>> {
         let size = self.size();
         if !size.rect().contains(rect) {
-            return Err(usage(format!(
-                "{}: the chart needs {rect}, which is not inside the picture of {size}",
-                self.name
-            )));
+            return Err(outside(&self.name, rect, size));
         }
         match &self.source {
-            Source::Raw(developer) => {
-                let (linear, count) = (developer.linear(rect)?, developer.channels());
-                Ok((0..count).map(|c| linear.iter().skip(c).step_by(count).copied().collect()).collect())
-            }
+            Source::Raw(developer) => Ok(side_by_side(&developer.linear(rect)?, developer.channels())),
+            Source::Dng(dng) => Ok(side_by_side(&dng.linear(rect), dng.channels())),
             Source::Channels { source, count, .. } => {
                 let read = |band| {
                     let mut pixels = vec![0.0; rect.size().pixels()];
@@ -145,7 +163,7 @@ impl Picture {
         })
     }
 
-    /// Its colours in `rect`: planes of a raw in electrons of light, not demosaiced; channels of a picture as shares of white.
+    /// Its colours in `rect`: planes of a raw in electrons of light, of a DNG in linear DN above black, not demosaiced; channels of a picture as shares of white.
     ///
     /// # Errors
     /// As [`Picture::channels`].
@@ -162,7 +180,18 @@ impl Picture {
             };
             return frame.sensor.planes().into_iter().enumerate().map(of).collect();
         }
-        let Source::Channels { is_float, count, .. } = &self.source else { unreachable!("it has no frame") };
+        if let Source::Dng(dng) = &self.source {
+            if !dng.size().rect().contains(rect) {
+                return Err(outside(&self.name, rect, dng.size()));
+            }
+            let of = |plane: DngPlane| Colour {
+                name: plane.name.to_owned(),
+                pixels: plane.pixels,
+                clipped: plane.saturated,
+            };
+            return Ok(dng.planes(rect).into_iter().map(of).collect());
+        }
+        let Source::Channels { is_float, count, .. } = &self.source else { unreachable!("it is no raw") };
         let names: &[&str] = if *count == 1 { &["grey"] } else { &["R", "G", "B"] };
         let of = |(name, values): (&&str, Vec<f32>)| Colour {
             name: (*name).to_owned(),
@@ -175,4 +204,13 @@ impl Picture {
         };
         Ok(names.iter().zip(self.channels(rect)?).map(of).collect())
     }
+}
+
+/// Channels one after the other from those of pixels side by side.
+fn side_by_side(linear: &[f32], count: usize) -> Vec<Vec<f32>> {
+    (0..count).map(|c| linear.iter().skip(c).step_by(count).copied().collect()).collect()
+}
+
+fn outside(name: &str, rect: Rect, size: Size) -> anyhow::Error {
+    usage(format!("{name}: the chart needs {rect}, which is not inside the picture of {size}"))
 }

@@ -13,6 +13,8 @@ pub struct Section {
     pub standard: &'static str,
     /// The picture.
     pub picture: String,
+    /// Camera, exposure and levels, if the file names them.
+    pub camera: Option<String>,
     /// Main figures: name, value in words.
     pub figures: Vec<(String, String)>,
     /// Remarks on doubtful figures and on what is not measured.

@@ -231,6 +231,7 @@ fn section(placed: &Placed<'_>, args: &ReportArgs, edges: &[Edge], failed: Vec<S
         title: "Resolution by slanted edges (e-SFR)",
         standard: "after ISO 12233:2023, from published descriptions of it; luminance in linear light, bins of 1/4 px",
         picture: placed.picture.name.clone(),
+        camera: None,
         figures,
         remarks,
         plots: vec![curves.figure(args.style), heights.figure(args.style)],

@@ -111,6 +111,7 @@ fn section(placed: &Placed<'_>, args: &ReportArgs, shading: &Shading) -> Section
         title: "Shading of light and colour",
         standard: "after ISO 17957:2015, from published descriptions of it; means of 31 x 31 parts, linear in light",
         picture: placed.picture.name.clone(),
+        camera: None,
         figures,
         remarks: Vec::new(),
         plots,

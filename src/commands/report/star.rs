@@ -71,6 +71,7 @@ pub fn measure(placed: &Placed<'_>, args: &ReportArgs) -> Result<Section> {
         title: "Resolution by Siemens stars (s-SFR)",
         standard: "after ISO 12233:2023, from published descriptions of it; over the modulation of the chart, eight azimuths",
         picture: placed.picture.name.clone(),
+        camera: None,
         figures: vec![("MTF50, star nearest to the middle (cycles/px)".into(), shown(nearest, 4))],
         remarks: Vec::new(),
         plots: vec![plot.figure(args.style)],

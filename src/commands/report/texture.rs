@@ -66,6 +66,7 @@ pub fn measure(placed: &Placed<'_>, args: &ReportArgs) -> Result<Section> {
         title: "Texture by dead leaves",
         standard: "after ISO 19567-2:2019, from published descriptions of it; cross-correlation with the chart, luminance in linear light",
         picture: placed.picture.name.clone(),
+        camera: None,
         figures: vec![("texture MTF50 (cycles/px)".into(), shown(mtf50, 4))],
         remarks,
         plots: vec![plot.figure(args.style)],

@@ -7,6 +7,7 @@ use crate::failure::usage;
 use anyhow::{Result, bail};
 use formats::picture::plot::{Axis, Plot, Series};
 use pipeline::geometry::Rect;
+use pipeline::measure::photon_transfer::{PhotonTransfer, photon_transfer};
 use pipeline::measure::tones::{DynamicRange, Patch, Tone, dynamic_range, statistics, tones};
 use pipeline::measure::visual_noise::{VisualNoise, visual_noise};
 use serde_json::json;
@@ -188,17 +189,44 @@ fn section(
             "dynamic_range": scale.range.map(|r| json!({ "ratio": r.ratio, "is_lower_bound": r.is_bound })),
         })
     };
+    let patches = |scale: &Scale| scale.tones.iter().map(|t| t.patch).collect::<Vec<_>>();
+    let transfers: Vec<Option<PhotonTransfer>> =
+        scales.iter().map(|s| photon_transfer(&patches(s), MAX_CLIPPED).filter(|_| unit == "DN")).collect();
+    if unit == "DN" {
+        remarks.push(match transfers.iter().all(Option::is_none) {
+            true => "electrons are not known: values are digital numbers above black; the patches are too few, or their noise does not grow with light, to estimate the gain".into(),
+            false => "electrons are not known: values are digital numbers above black; the gain is estimated by photon transfer, from the noise of one picture".to_owned(),
+        });
+    }
+    for (scale, transfer) in std::iter::zip(scales, &transfers) {
+        if let Some(found) = transfer {
+            figures.push((
+                format!("gain by photon transfer, {} (DN/e-)", scale.name),
+                format!("{:.4}", found.gain_dn_per_e),
+            ));
+            let dark_e = found.dark_noise_dn / found.gain_dn_per_e;
+            figures.push((
+                format!("noise in the dark by photon transfer, {} (e-)", scale.name),
+                format!("{dark_e:.1}"),
+            ));
+        }
+    }
+    let transfer = |found: &Option<PhotonTransfer>| {
+        found.map(|f| json!({ "gain_dn_per_e": f.gain_dn_per_e, "dark_noise_dn": f.dark_noise_dn, "fixed_pattern": f.fixed_pattern, "relative_residual": f.residual }))
+    };
+    let transfers: Vec<_> = transfers.iter().map(transfer).collect();
     let visual: Vec<_> =
         visual.iter().map(|v| v.map(|v| json!({ "value": v.value, "sigma_luv": v.luv }))).collect();
     Section {
         slug: "noise",
         title: "Tones, noise and dynamic range",
-        standard: "after ISO 14524:2009 and ISO 15739:2023, from published descriptions of them; total noise of one picture; raws in electrons, before demosaicing",
+        standard: "after ISO 14524:2009 and ISO 15739:2023, from published descriptions of them; total noise of one picture; raws in electrons, or digital numbers of a DNG, before demosaicing",
         picture: placed.picture.name.clone(),
+        camera: None,
         figures,
         remarks,
         plots: vec![oecf.figure(args.style), snr.figure(args.style), seen.figure(args.style)],
         tables: vec![table],
-        json: json!({ "colours": scales.iter().map(one).collect::<Vec<_>>(), "visual_noise": visual, "pixels_per_degree": args.pixels_per_degree }),
+        json: json!({ "colours": scales.iter().map(one).collect::<Vec<_>>(), "photon_transfer": transfers, "visual_noise": visual, "pixels_per_degree": args.pixels_per_degree }),
     }
 }

@@ -2,7 +2,8 @@
 //!
 //! Charts are on the *picture's grid*: the film's pixels, as places of the ideal image plane. x_mm = (x − axis_x) · pitch, y likewise.
 
-use super::recorded::{Grid, Plane, Recorded};
+use super::planes::{Grid, Plane};
+use super::recorded::Recorded;
 use crate::failure::usage;
 use crate::job::arrays::{ArrayFilm, ArrayLens};
 use crate::progress::interrupt;

@@ -9,7 +9,7 @@
 //! The chart of a plane is the one of which, the same in all bands, the film has these values. Left out: crosstalk, diffusion and apertures smaller than a pixel, which blur by a fraction of
 //! a pixel and remain; the resampling of a film whose pixels are not a whole fraction of the sensor's.
 
-use super::recorded::{Grid, Pixels, Plane};
+use super::planes::{Grid, Pixels, Plane};
 use crate::args::RestoreArgs;
 use crate::camera::frame::Frame;
 use crate::camera::shading::response_map;

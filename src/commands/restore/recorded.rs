@@ -2,6 +2,7 @@
 //!
 //! The flags are those of the film's record (`provenance.job`, and `provenance.source` with the record of a design). That they describe the film's lens is checked by its digest.
 
+use super::planes::{Grid, Pixels, Plane};
 use super::raw::RawPlanes;
 use super::tails::FilmTails;
 use crate::args::RestoreArgs;
@@ -14,7 +15,7 @@ use anyhow::Result;
 use formats::chart::{ChartOptions, ChartStore, NanPolicy};
 use formats::film::FilmStore;
 use formats::raw::RawStore;
-use pipeline::geometry::{Rect, Size};
+use pipeline::geometry::Rect;
 use pipeline::restore::noise::NoiseEstimate;
 use serde_json::Value;
 use std::path::{Path, PathBuf};
@@ -24,41 +25,6 @@ const CACHE_BYTES: usize = 64 << 20;
 /// Pixels of a film of which its noise is estimated, about, and rows that are read together.
 const NOISE_PIXELS: usize = 4_000_000;
 const ROWS: usize = 256;
-
-/// Pixels, where they are.
-#[derive(Clone, Copy, Debug)]
-pub struct Grid {
-    /// Rows and columns.
-    pub size: Size,
-    /// Their pitch.
-    pub pitch_um: f64,
-    /// The optical axis: row, column.
-    pub axis_px: (f64, f64),
-}
-
-/// A picture of one band, or of one colour plane: what is restored by itself.
-#[derive(Clone, Debug)]
-pub struct Plane {
-    /// Name of a colour plane.
-    pub name: Option<String>,
-    /// Of its band; of a colour plane, the mean over its electrons of a film that has the same value in every band.
-    pub wavelength_nm: f64,
-    /// Bands of the film, and the share of each: 1 in all.
-    pub bands: Vec<(usize, f64)>,
-    /// Share of the pixels that measure it.
-    pub density: f64,
-    /// Variance of the noise that does not depend on the light over the value of an electron; 0 of a film.
-    pub background: f64,
-}
-
-/// A part of a plane.
-#[derive(Clone, Debug)]
-pub struct Pixels {
-    /// Film values, also between the pixels that measure the plane.
-    pub values: Vec<f32>,
-    /// σ² over the variance of each pixel, 0 where none is measured; none: 1.
-    pub weights: Option<Vec<f32>>,
-}
 
 /// What is restored, complete.
 pub struct Recorded {
@@ -73,7 +39,7 @@ pub struct Recorded {
 }
 
 enum Source {
-    Film(ChartStore),
+    Film(Box<ChartStore>),
     Raw(Box<RawPlanes>),
 }
 
@@ -131,7 +97,7 @@ impl Recorded {
                     density: 1.0,
                     background: 0.0,
                 });
-                (Source::Film(pixels), grid, planes.collect())
+                (Source::Film(Box::new(pixels)), grid, planes.collect())
             }
         };
         Ok(Self { tails: FilmTails::default(), film, source, grid, planes, lens, is_traced, flags })

@@ -4,7 +4,8 @@
 //! [`pipeline::restore::discrepancy`]: predicted from up to [`PATCHES`]² patches of the film, corrected by the residuals of the samples.
 
 use super::optics::Optics;
-use super::recorded::{Pixels, Recorded};
+use super::planes::Pixels;
+use super::recorded::Recorded;
 use super::tile::{Solver, Strength, Tile};
 use crate::args::{RestoreArgs, RestoreMethod};
 use crate::failure::usage;
@@ -307,7 +308,9 @@ impl Settings {
             Pixels { values, weights: sample.film.weights.clone() }
         };
         let restore = |film: &Pixels| -> Result<Vec<f64>> {
-            let tolerance = FIGURE_TOLERANCE * amplitude;
+            // Of two restorations that are not linear the difference is far more exact than each.
+            let tolerance =
+                if is_linear { FIGURE_TOLERANCE * amplitude } else { 10.0 * self.solver.tolerance };
             let restored =
                 sample.tile.restored(Some(&sample.spectrum), film, self.solver.strength, tolerance)?;
             Ok(sample.tile.values(&restored.chart, sample.core))

@@ -2,7 +2,7 @@
 //!
 //! Tails vary over many pixels, so at pixels of another pitch they are those of the film interpolated linearly between its pixels, at the pixel's middle.
 
-use super::recorded::Grid;
+use super::planes::Grid;
 use anyhow::{Context, Result};
 use formats::film::FilmStore;
 use pipeline::buffer::ShardPixels;

@@ -10,7 +10,8 @@
 //! Light from outside T is that of the start values; the halo is as wide as the solution depends on it ([`super::settings`]).
 
 use super::optics::{Map, Optics};
-use super::recorded::{Pixels, Recorded};
+use super::planes::Pixels;
+use super::recorded::Recorded;
 use anyhow::Result;
 use pipeline::geometry::{Rect, Size};
 use pipeline::restore::local::LocalSpectrum;
