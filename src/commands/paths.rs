@@ -76,6 +76,7 @@ fn of_command(command: &Command) -> Result<Guard> {
         // The lens that the film names is compared with OUT when the film has been opened.
         Command::Restore(args) => {
             let guard = guard.reads("film", &args.film).writes("OUT", &args.out);
+            let guard = args.of_film.iter().fold(guard, |guard, film| guard.reads("--film", film));
             args.lens.iter().fold(guard, |guard, lens| guard.reads_lens(lens))
         }
         Command::Plan(args) => of_plan(args),

@@ -60,11 +60,7 @@ fn restore(args: &RestoreArgs) -> Result<()> {
     let start = Instant::now();
     let film = Recorded::open(args)?;
     let lens = film.lens();
-    let mut guard = Guard::default().reads_lens(&lens).reads("FILM", &args.film);
-    if let Some(film) = &args.of_film {
-        guard = guard.reads("--film", film);
-    }
-    guard.writes("OUT", &args.out).check()?;
+    Guard::default().reads_lens(&lens).writes("OUT", &args.out).check()?;
     let (grid, wavelengths_nm) =
         (film.grid(), film.planes().iter().map(|plane| plane.wavelength_nm).collect::<Vec<_>>());
     let planes = match &args.bands {

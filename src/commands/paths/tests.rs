@@ -40,7 +40,7 @@ const LINES: &[&str] = &[
     "develop raw out.png --matrix=matrix --shading=shading | out.png",
     "shoot chart out.png --lens=lens --glass-catalog=glass_catalog --sensor=sensor --depth=depth --hidden=hidden --keep=keep --coatings=coatings.toml --sensor-reflectance=sensor_reflectance.csv | out.png keep",
     "compare first second --out=out | out",
-    "restore film out --lens=lens | out",
+    "restore film out --lens=lens --film=of_film | out",
     "dataset recipe out | out",
     "plan chart film --lens=lens --tolerances=tolerances.toml --glass-catalog=glass_catalog --depth=depth --hidden=hidden --output=output --lens-pack=lens_pack --coatings=coatings.toml --sensor-reflectance=sensor_reflectance.csv | film output lens_pack",
     "export film out.npy | out.npy",
