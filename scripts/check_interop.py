@@ -303,7 +303,7 @@ def camera_raws(scratch):
         mosaic, black, white = found.raw_image.copy(), found.black_level_per_channel[0], found.white_level
     with tifffile.TiffFile(own) as file:
         tags = {tag.code: tag for page in file.pages for tag in page.tags.values()}
-    kept = [(code, int(tags[code].dtype), tags[code].count, tags[code].value, True) for code in (33421, 33422, 50721, 50722, 50728, 50778, 50779)]
+        kept = [(code, int(tags[code].dtype), tags[code].count, tags[code].value, True) for code in (33421, 33422, 50721, 50722, 50728, 50778, 50779)]
     top, left, side = 6, 10, 128
     whole = np.pad(mosaic, ((top, 4), (left, 6)), constant_values=black)
     height, width = whole.shape
