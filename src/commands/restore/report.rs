@@ -35,7 +35,7 @@ pub fn attributes(args: &RestoreArgs, film: &Recorded, roi: Rect, settings: &[Se
 fn band(film: &Recorded, settings: &Settings) -> Value {
     let mut value = json!({
         "wavelength_nm": film.planes()[settings.solver.plane].wavelength_nm,
-        "noise": settings.noise,
+        "noise": settings.solver.noise,
         "noise_is_estimated": settings.is_estimated,
         "mean_square_residual_of_noise": settings.residual,
         "halo_px": settings.solver.halo_px,
@@ -106,7 +106,7 @@ fn note_on_residual(film: &Recorded, settings: &Settings) -> String {
         "note: at {} the film of the restored chart differs from the film by {times:.1} times the noise, so that the picture has more noise and rings than it need have: the film's noise is \
          larger, or the film has what this lens does not make; --noise {:.1e} restores what agrees within that",
         label(film, settings),
-        times * settings.noise
+        times * settings.solver.noise
     )
 }
 
@@ -133,7 +133,7 @@ fn print_band(film: &Recorded, settings: &Settings) {
     print(format!(
         "{}: noise {:.3e} ({source}), {name} {strength}, mean square residual {:.3} of the noise's, halo {} px",
         label(film, settings),
-        settings.noise,
+        settings.solver.noise,
         settings.residual,
         settings.solver.halo_px
     ));

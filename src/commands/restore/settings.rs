@@ -65,9 +65,7 @@ pub struct Figures {
 pub struct Settings {
     /// How its tiles are restored.
     pub solver: Solver,
-    /// RMS noise of a film pixel.
-    pub noise: f64,
-    /// Whether it was estimated.
+    /// Whether the noise was estimated.
     pub is_estimated: bool,
     /// Mean square residual of the samples, of the square of the noise.
     pub residual: f64,
@@ -120,7 +118,7 @@ impl Settings {
             noise,
         };
         let is_estimated = args.noise.is_none() && film.raw().is_none();
-        let mut settings = Self { solver, noise, is_estimated, residual: 0.0, figures: Vec::new() };
+        let mut settings = Self { solver, is_estimated, residual: 0.0, figures: Vec::new() };
         match args.method {
             RestoreMethod::Tikhonov => {
                 settings.find_lambda(film, &samples)?;
@@ -140,8 +138,8 @@ impl Settings {
     /// λ by the discrepancy principle, and the halo.
     fn find_lambda(&mut self, film: &Recorded, samples: &[Sample]) -> Result<f64> {
         let spectrum = &samples[0].spectrum;
-        let patches = patches(film, (self.solver.plane, self.noise), spectrum)?;
-        let first = discrepancy::lambda(&patches, self.noise * self.noise);
+        let patches = patches(film, (self.solver.plane, self.solver.noise), spectrum)?;
+        let first = discrepancy::lambda(&patches, self.solver.noise * self.solver.noise);
         let lambda = match film.raw() {
             None => self.lambda_of_patches(first, &patches, samples)?,
             Some(_) => self.lambda_of_samples(first, samples)?,
@@ -155,19 +153,27 @@ impl Settings {
 
     /// Mean square residual of the samples restored with `lambda`, of the square of the noise.
     fn residual_of_samples(&self, lambda: f64, samples: &[Sample]) -> Result<f64> {
-        let (mut squares, mut pixels) = (0.0, 0.0);
-        for sample in samples {
+        let of = |sample: &Sample| {
             let restored = sample.restored(Strength::Lambda(lambda), 1e2 * self.solver.tolerance)?;
-            let (of_sample, measured) = sample.square_residual(&restored.chart)?;
-            squares += of_sample;
+            sample.square_residual(&restored.chart)
+        };
+        self.mean_square(samples.iter().map(of))
+    }
+
+    /// Mean of the squares of residuals, of the square of the noise, of (sum, number) of each sample.
+    fn mean_square(&self, of_samples: impl Iterator<Item = Result<(f64, usize)>>) -> Result<f64> {
+        let (mut squares, mut pixels) = (0.0, 0.0);
+        for of_sample in of_samples {
+            let (sum, measured) = of_sample?;
+            squares += sum;
             pixels += measured as f64;
         }
-        Ok(squares / pixels / (self.noise * self.noise))
+        Ok(squares / pixels / (self.solver.noise * self.solver.noise))
     }
 
     /// λ of the patches, with the ratio of what is measured of the samples to what is predicted of them.
     fn lambda_of_patches(&mut self, first: f64, patches: &[PartPower], samples: &[Sample]) -> Result<f64> {
-        let aim = self.noise * self.noise;
+        let aim = self.solver.noise * self.solver.noise;
         let of_sample = |sample: &Sample| {
             let Rect { y, x, height, width } = sample.measured;
             let row = |k: usize| {
@@ -198,7 +204,7 @@ impl Settings {
         Ok(lambda)
     }
 
-    /// λ of the samples alone: the pixels of a raw have weights, of which no spectrum tells.
+    /// λ of the samples alone: the pixels of a raw have weights, which a spectrum does not contain.
     fn lambda_of_samples(&mut self, first: f64, samples: &[Sample]) -> Result<f64> {
         let (mut lambda, mut measured) = (first, Vec::new());
         for trial in 0..=TRIALS {
@@ -222,14 +228,11 @@ impl Settings {
             parts.iter().map(|part| total_variation::Iteration::new(part, mu)).collect::<Result<Vec<_>>>()?;
         let mut close = 0;
         for done in 1..=MAX_MU_STEPS {
-            let (mut squares, mut pixels) = (0.0, 0.0);
-            for ((iteration, part), sample) in iterations.iter_mut().zip(&parts).zip(samples) {
+            let steps = iterations.iter_mut().zip(&parts).zip(samples).map(|((iteration, part), sample)| {
                 iteration.step(part, &sample.spectrum)?;
-                let (of_sample, measured) = iteration.square_residual(part, sample.measured);
-                squares += of_sample;
-                pixels += measured as f64;
-            }
-            self.residual = squares / pixels / (self.noise * self.noise);
+                Ok(iteration.square_residual(part, sample.measured))
+            });
+            self.residual = self.mean_square(steps)?;
             close = if (self.residual - 1.0).abs() < MU_CLOSE { close + 1 } else { 0 };
             if close == MU_STILL {
                 break;
@@ -255,13 +258,9 @@ impl Settings {
                 iteration.step(part)?;
             }
             if given.is_none() || done == most {
-                let (mut squares, mut pixels) = (0.0, 0.0);
-                for (iteration, sample) in iterations.iter().zip(samples) {
-                    let (of_sample, measured) = sample.square_residual(iteration.chart())?;
-                    squares += of_sample;
-                    pixels += measured as f64;
-                }
-                self.residual = squares / pixels / (self.noise * self.noise);
+                let of =
+                    |(iteration, sample): (&Iteration, &Sample)| sample.square_residual(iteration.chart());
+                self.residual = self.mean_square(iterations.iter().zip(samples).map(of))?;
             }
             self.solver.strength = Strength::Iterations(done);
             if given.is_none() && self.residual <= 1.0 {
@@ -275,10 +274,11 @@ impl Settings {
     fn figures_of(&self, sample: &Sample, peak: f64) -> Result<Figures> {
         let size = sample.tile.film.size();
         let noise: Vec<f64> = unit_noise(size.pixels(), NOISE_SEED);
-        let restored_noise = self.difference(sample, &noise, self.noise)?;
+        let restored_noise = self.difference(sample, &noise, self.solver.noise)?;
         let mean = restored_noise.iter().sum::<f64>() / restored_noise.len() as f64;
         let square = restored_noise.iter().map(|v| (v - mean).powi(2)).sum::<f64>();
-        let noise_gain = (square / restored_noise.len() as f64).sqrt() / self.noise * sample.tile.map.gain();
+        let noise_gain =
+            (square / restored_noise.len() as f64).sqrt() / self.solver.noise * sample.tile.map.gain();
         // A point of the picture in the middle of the core.
         let (y, x) =
             (sample.core.y + sample.core.height as i64 / 2, sample.core.x + sample.core.width as i64 / 2);

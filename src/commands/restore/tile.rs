@@ -18,6 +18,7 @@ use pipeline::restore::local::LocalSpectrum;
 use pipeline::restore::places::{Place, Places, STEP};
 use pipeline::restore::tikhonov::{self, Stop};
 use pipeline::restore::{Part, Restored, richardson_lucy, total_variation};
+use std::borrow::Cow;
 
 /// Steps of the iteration that finds the place of a chart point on the film. Each reduces the error by the relative change of scale, a few per cent.
 const PLACE_STEPS: usize = 8;
@@ -150,7 +151,7 @@ impl Tile {
     /// As the map's.
     pub fn spectrum(&self) -> Result<LocalSpectrum> {
         let spectrum = LocalSpectrum::new(&self.map, self.map.window_px(), self.free_rect)?;
-        Ok(if self.density == 1.0 { spectrum } else { spectrum.with_density(self.density) })
+        Ok(spectrum.with_density(self.density))
     }
 
     /// Its problem, of `film`, the pixels of F, from `start`.
@@ -188,24 +189,20 @@ impl Tile {
     ) -> Result<Restored> {
         let start = self.start(film);
         let part = self.part(film, &start);
-        let own;
-        let spectrum = match spectrum {
-            Some(spectrum) => spectrum,
-            None => {
-                own = self.spectrum()?;
-                &own
-            }
+        let spectrum = || match spectrum {
+            Some(spectrum) => Ok(Cow::Borrowed(spectrum)),
+            None => self.spectrum().map(Cow::Owned),
         };
         match strength {
+            Strength::Iterations(count) => richardson_lucy::restore(&part, count),
             Strength::Mu(mu) => {
                 let stop = Stop { tolerance: STILL * tolerance, max_iterations: MAX_STEPS };
-                total_variation::restore(&part, spectrum, mu, stop)
+                total_variation::restore(&part, &*spectrum()?, mu, stop)
             }
             Strength::Lambda(lambda) => {
                 let stop = Stop { tolerance, max_iterations: MAX_ITERATIONS };
-                tikhonov::restore(&part, spectrum, lambda, stop)
+                tikhonov::restore(&part, &*spectrum()?, lambda, stop)
             }
-            Strength::Iterations(count) => richardson_lucy::restore(&part, count),
         }
     }
 
