@@ -16,7 +16,7 @@ const MIN_PATCHES: usize = 5;
 /// Ratio of the lightest to the darkest mean, at least.
 const MIN_RATIO: f64 = 8.0;
 
-/// What the noise of patches tells of a camera.
+/// Figures of a camera that follow from the noise of patches.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct PhotonTransfer {
     /// K, DN per electron.

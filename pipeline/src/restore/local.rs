@@ -110,6 +110,13 @@ impl LocalSpectrum {
         plane.chunks_exact(self.sides.width).flat_map(|row| &row[..self.size.width]).copied().collect()
     }
 
+    /// [`LocalSpectrum::inverse`] at the `free` pixels, 0 elsewhere.
+    pub(super) fn inverse_at(&self, lambda: f64, chart: &[f64], free: &[bool]) -> Vec<f64> {
+        let mut values = self.inverse(lambda, chart);
+        values.iter_mut().zip(free).for_each(|(value, free)| *value *= f64::from(u8::from(*free)));
+        values
+    }
+
     /// The transform that it is for.
     pub(super) fn planes(&self) -> (&Planes, Size) {
         (&self.planes, self.sides)

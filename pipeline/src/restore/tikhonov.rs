@@ -39,11 +39,7 @@ pub fn restore<O: Operator>(
         add_smoothness(part, lambda, x, &mut out);
         Ok(out)
     };
-    let precondition = |r: &[f64]| {
-        let mut z = spectrum.inverse(lambda, r);
-        z.iter_mut().zip(part.free).for_each(|(z, free)| *z *= f64::from(u8::from(*free)));
-        z
-    };
+    let precondition = |r: &[f64]| spectrum.inverse_at(lambda, r, part.free);
     let mut residual = {
         let mut film = part.film_of(part.start)?;
         film.iter_mut().zip(part.film).for_each(|(found, film)| *found = film - *found);

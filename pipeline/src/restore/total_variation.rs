@@ -91,11 +91,7 @@ impl Iteration {
         for (i, to) in residual.iter_mut().enumerate().filter(|(i, _)| part.free[*i]) {
             *to += rho * transposed_differences(&pull, size, i);
         }
-        let precondition = |r: &[f64]| {
-            let mut z = spectrum.inverse(rho, r);
-            z.iter_mut().zip(part.free).for_each(|(z, free)| *z *= f64::from(u8::from(*free)));
-            z
-        };
+        let precondition = |r: &[f64]| spectrum.inverse_at(rho, r, part.free);
         let before = self.chart.clone();
         let mut along = precondition(&residual);
         let mut power = dot(&residual, &along);
