@@ -52,6 +52,7 @@ pub mod power_law;
 pub mod quantile;
 pub mod random;
 pub mod response_map;
+mod row_sums;
 pub mod spectrum;
 pub mod spread;
 pub mod stream;

@@ -15,6 +15,12 @@ use super::random::{Stream, uniform_pair, uniforms};
 use super::{Exposure, LANES, NoiseFigures, NoiseSet, Sensor};
 use crate::geometry::Rect;
 
+/// Beyond all normal numbers, and all amplitudes of defects, of uniform numbers from 2⁻⁵³ to 1 − 2⁻⁵³.
+const FARTHEST_Z: f64 = 8.3;
+const FARTHEST_AMPLITUDE: f64 = 37.0;
+/// A Poisson number of the mean m is below m + 10√m + 25 + this (e-): its normal number is below [`FARTHEST_Z`], its skew adds (z² + 2)/6.
+const FARTHEST_E: f64 = 75.0;
+
 /// Frames of one sensor under one exposure.
 #[derive(Clone, Debug)]
 pub struct Exposer {
@@ -185,6 +191,24 @@ impl Exposer {
                 || charge_row(&row, signal, out),
             );
         }
+    }
+
+    /// A signal (e-/s) up to which no charge of a row exceeds `charge_e`; −∞ where dark charge may.
+    pub(super) fn signal_within(&self, charge_e: f64, row: u32) -> f64 {
+        let root = (charge_e - FARTHEST_E).max(0.0).sqrt() - 5.0;
+        let mean_e = if root > 0.0 { root * root } else { 0.0 };
+        let dark_e = self.dark_e * (1.0 + FARTHEST_Z * self.sigma.dark_nonuniformity);
+        let hot_e = if self.defects.hot_pixels > 0.0 {
+            FARTHEST_AMPLITUDE * self.defects.hot_dark_e_per_s
+        } else {
+            0.0
+        };
+        let left_e = mean_e - dark_e - hot_e;
+        if left_e <= 0.0 {
+            return f64::NEG_INFINITY;
+        }
+        let scale = self.signal_scale_of(row) * (1.0 + FARTHEST_Z * self.sigma.prnu);
+        left_e / scale.max(f64::MIN_POSITIVE)
     }
 
     /// Electrons of a signal of 1 e-/s in a row.

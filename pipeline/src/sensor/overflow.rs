@@ -62,10 +62,18 @@ pub fn received(exposer: &Exposer, signal: &[f32], rect: Rect) -> Vec<f32> {
     let overflow = exposer.overflow();
     let mut all = Vec::new();
     let mut part = Vec::new();
+    let begins_e = overflow.knee.min(1.0) * exposer.full_well_e();
+    // Most columns of most pictures have no pixel that overflows, which their signal shows without the charges.
+    let within: Vec<f64> =
+        (0..rect.height).map(|row| exposer.signal_within(begins_e, rect.y as u32 + row as u32)).collect();
     for first in (0..rect.width).step_by(COLUMNS) {
         let width = COLUMNS.min(rect.width - first);
         part.clear();
         signal.chunks(rect.width).for_each(|line| part.extend_from_slice(&line[first..first + width]));
+        let may_overflow = |(line, within): (&[f32], &f64)| line.iter().any(|v| f64::from(*v) > *within);
+        if !part.chunks(width).zip(&within).any(may_overflow) {
+            continue;
+        }
         let mut charge = vec![0.0; part.len()];
         let own = Rect::new(rect.y, rect.x + first as i64, rect.height, width);
         exposer.charges(&part, own, &mut charge);

@@ -5,7 +5,7 @@
 
 use super::crosstalk::{Corrections, MAX_RADIUS};
 use super::lanes::Set;
-use super::stream::{BandWeights, Deliver, Pass};
+use super::stream::{Deliver, Pass};
 use crate::flow::SourceSinkError;
 use crate::geometry::{Rect, Size};
 use crate::parts::for_each_part;
@@ -41,9 +41,9 @@ impl SpreadRows {
         window.grown(self.of.radius).intersect(self.size.rect())
     }
 
-    /// Weights of the planes of the corrections of a signal of `weights`.
-    pub fn planes(&self, weights: &BandWeights) -> Vec<BandWeights> {
-        self.of.terms.iter().map(|term| weights.times(&term.factors)).collect()
+    /// Factors of the planes of the corrections, by channel and band.
+    pub fn factors(&self) -> Vec<Vec<Vec<f64>>> {
+        self.of.terms.iter().map(|term| term.factors.clone()).collect()
     }
 
     /// The signal of the row `row` of the sensor, columns `columns`, of the planes `kept` of the window `read`.
@@ -69,12 +69,19 @@ impl SpreadRows {
             }
             // What goes to the pixels at d, if they are there.
             let own = &line(plane, row)[first..][..columns.len()];
-            let inner = r..self.size.width.saturating_sub(r);
-            let constant = if inner.is_empty() { 0.0 } else { self.lost(&term.kernel, row, inner.start) };
-            for ((to, v), column) in sum.iter_mut().zip(own).zip(columns.clone()) {
-                let lost =
-                    if inner.contains(&column) { constant } else { self.lost(&term.kernel, row, column) };
-                *to -= lost * v;
+            let (low, high) = inner_columns(self.size.width, r, &columns);
+            for column in (columns.start..low).chain(high..columns.end) {
+                let at = column - columns.start;
+                sum[at] -= self.lost(&term.kernel, row, column) * own[at];
+            }
+            if low < high {
+                let lost = self.lost(&term.kernel, row, low);
+                let inner = low - columns.start..high - columns.start;
+                let (to, own) = (&mut sum[inner.clone()], &own[inner]);
+                Set::detect().run(
+                    #[inline(always)]
+                    || std::iter::zip(&mut *to, own).for_each(|(to, v)| *to -= lost * v),
+                );
             }
         }
         let signal = &line(0, row)[first..][..columns.len()];
@@ -92,6 +99,12 @@ impl SpreadRows {
     }
 }
 
+/// The first of `columns` whose neighbours up to `r` away are all on a sensor of `width` columns, and the one after the last.
+fn inner_columns(width: usize, r: usize, columns: &Range<usize>) -> (usize, usize) {
+    let low = r.clamp(columns.start, columns.end);
+    (low, width.saturating_sub(r).clamp(low, columns.end))
+}
+
 /// A row of a kernel, in the order of the columns that it weighs, over a sensor of some width.
 struct Taps {
     kernel: Vec<f32>,
@@ -102,9 +115,7 @@ impl Taps {
     /// Adds to the pixels `columns` of a row, of the pixels of a row of which `from` has those from `first` on.
     fn add(&self, from: &[f32], first: usize, columns: Range<usize>, to: &mut [f32]) {
         let r = self.kernel.len() / 2;
-        // Columns whose neighbours are all on the sensor.
-        let low = r.clamp(columns.start, columns.end);
-        let high = self.width.saturating_sub(r).clamp(low, columns.end);
+        let (low, high) = inner_columns(self.width, r, &columns);
         for column in (columns.start..low).chain(high..columns.end) {
             let at = |k: usize| (column + k).checked_sub(r).filter(|x| *x < self.width);
             let sum = (0..self.kernel.len()).filter_map(|k| Some(self.kernel[k] * from[at(k)? - first]));
@@ -134,7 +145,7 @@ fn weigh<const N: usize>(kernel: &[f32], from: &[f32], to: &mut [f32]) {
     }
 }
 
-/// Runs `pass`, whose window is [`SpreadRows::reach`] of `window` and whose last planes are [`SpreadRows::planes`] of its first one, and delivers the rows `wanted` of `window` with crosstalk: the first plane corrected, the others but the corrections as they are.
+/// Runs `pass`, whose window is [`SpreadRows::reach`] of `window` and whose corrections are [`SpreadRows::factors`], and delivers the rows `wanted` of `window` with crosstalk: the first plane corrected, the others as they are.
 /// Returns whether it was not cancelled.
 ///
 /// # Errors
@@ -149,13 +160,13 @@ pub fn run(
     let read = pass.window;
     let columns = window.x as usize..window.right() as usize;
     let first_row = window.y as usize;
-    let delivered = pass.planes.len() - spread.of.terms.len();
+    let delivered = pass.planes.len();
     // Rows of the sensor, then of the window that is read.
     let (begin, end) = (first_row + wanted.start, first_row + wanted.end);
     let last_needed = |row: usize| (row + spread.of.radius + 1).min(read.bottom() as usize);
     let from = begin.saturating_sub(spread.of.radius).max(read.y as usize) - read.y as usize;
     let to = last_needed(end - 1) - read.y as usize;
-    let mut kept = Kept { first: from, planes: vec![Vec::new(); pass.planes.len()] };
+    let mut kept = Kept { first: from, planes: vec![Vec::new(); delivered + pass.corrections.len()] };
     let mut done = begin;
     let mut passed = |first: usize, planes: &[Vec<f32>]| {
         std::iter::zip(&mut kept.planes, planes).for_each(|(kept, new)| kept.extend_from_slice(new));
@@ -165,7 +176,8 @@ pub fn run(
         if ready == done {
             return Ok(());
         }
-        let mut out: Vec<Vec<f32>> = vec![vec![0.0; (ready - done) * columns.len()]; delivered];
+        let mut out: Vec<Vec<f32>> =
+            (0..delivered).map(|_| vec![0.0; (ready - done) * columns.len()]).collect();
         let made: Result<(), Infallible> = for_each_part(
             pass.threads,
             out[0].chunks_mut(columns.len()).enumerate(),

@@ -1,55 +1,25 @@
 //! The signal of a sensor from a film that does not fit in memory: one pass over the film, row block by row block, all bands of a block before
 //! the next block.
 //!
-//! The film is cut into blocks of rows and blocks of columns. A worker takes a block of columns, reads its bands one after the other, adds
-//! the film rows of each sensor row with the weights of that axis, then the columns, and accumulates the bands, ascending, in f64. Sums of film
+//! The film is cut into blocks of rows and blocks of columns. A worker takes a block of columns, reads a few of its bands, adds
+//! the film rows of each sensor row with the weights of that axis, then the columns, and accumulates the bands, ascending, in f64 ([`super::row_sums`]). Sums of film
 //! rows that a block leaves unfinished are carried to the next block, so every film row is read once; columns that two of these blocks need are read by
 //! both, and decoded once where the source keeps decoded chunks.
 //!
 //! Same bits: a pixel's sum runs over film rows, then film columns, then bands, each ascending, for any blocks and threads.
 
 use super::Sensor;
-use super::field_weights::{FieldWeights, interpolated};
 use super::lanes::Set;
 use super::pixels::Taps;
+use super::row_sums::{add_weighed, multiply, tile};
 use crate::flow::{ChartSource, SourceSinkError};
 use crate::geometry::Rect;
 use std::ops::Range;
+use std::sync::Mutex;
 use std::sync::atomic::{AtomicBool, AtomicUsize, Ordering};
-use std::sync::{Arc, Mutex};
+pub use weights::BandWeights;
 
-/// Weights of the bands of a film for each filter, and what they have in addition where they differ over the sensor.
-#[derive(Clone, Debug, PartialEq)]
-pub struct BandWeights(Vec<Vec<f64>>, Option<Arc<FieldWeights>>);
-
-impl BandWeights {
-    /// Electrons per second of a mean spectral irradiance (W m⁻² nm⁻¹), times `factors`, the irradiance of a film value of 1 in each band.
-    pub fn electrons(sensor: &Sensor, bands_nm: &[f64], factors: &[f64]) -> Self {
-        let of = |channel| sensor.electron_weights(channel, (bands_nm, factors), 0.0);
-        Self((0..sensor.channels.len()).map(of).collect(), None)
-    }
-
-    /// With those of the directions of the light, made with the same factors.
-    #[must_use]
-    pub fn with_field(self, field: Option<Arc<FieldWeights>>) -> Self {
-        Self(self.0, field)
-    }
-
-    /// Times `factors`, by channel and band.
-    #[must_use]
-    pub fn times(&self, factors: &[Vec<f64>]) -> Self {
-        let of = |(weights, factors): (&Vec<f64>, &Vec<f64>)| {
-            std::iter::zip(weights, factors).map(|(w, f)| w * f).collect()
-        };
-        let field = self.1.as_ref().map(|field| Arc::new(field.times(factors)));
-        Self(std::iter::zip(&self.0, factors).map(of).collect(), field)
-    }
-
-    /// The same weights behind every filter.
-    pub fn uniform(sensor: &Sensor, weights: &[f64]) -> Self {
-        Self(vec![weights.to_vec(); sensor.channels.len()], None)
-    }
-}
+mod weights;
 
 /// A pass over the film and its outputs.
 #[derive(Clone, Copy)]
@@ -68,8 +38,12 @@ pub struct Pass<'a> {
     pub window: Rect,
     /// One plane of output for each.
     pub planes: &'a [BandWeights],
+    /// Of each further plane of output the factors of the terms of the first one, by channel and band.
+    pub corrections: &'a [Vec<Vec<f64>>],
     /// Rows of a row block and columns of a column block, film pixels.
     pub block: (usize, usize),
+    /// Bands of a block that are read before they are added.
+    pub bands_at_once: usize,
     /// Worker threads.
     pub threads: usize,
     /// Ends the pass after the current block.
@@ -91,11 +65,20 @@ struct ColumnBlock {
 /// Buffers of a worker.
 #[derive(Default)]
 struct Scratch {
+    /// The block by band.
     film: Vec<f32>,
     sum: Vec<f64>,
+    /// Means over the pixels of a row by band.
+    means: Vec<f64>,
+    /// Planes of the finished rows, and those of corrections.
     total: Vec<f64>,
-    /// Weights of a band by plane, row of the mosaic and column of the column block.
-    weights: Vec<f64>,
+    corrected: Vec<f32>,
+    /// Weights by plane: by row of the mosaic, band and column of a tile.
+    weights: Vec<Vec<f64>>,
+    /// Factors of corrections by row of the mosaic, correction and band: tiles of the columns.
+    factors: Vec<f32>,
+    /// Terms of a row in the first plane by band.
+    products: Vec<f32>,
     /// Where they differ over the sensor: what they have in addition at the nodes along a row, by column of the mosaic.
     lines: Vec<Vec<f64>>,
 }
@@ -161,20 +144,15 @@ impl Pass<'_> {
         column_blocks
     }
 
-    /// Nodes of the field of `plane` around `columns` of the window.
-    fn nodes(&self, plane: &BandWeights, columns: &Range<usize>) -> Vec<(usize, [f64; 4])> {
-        let first = self.window.x as usize;
-        let of = |field: &Arc<FieldWeights>| field.column_taps(columns.clone().map(|x| first + x));
-        plane.1.as_ref().map_or_else(Vec::new, of)
-    }
-
     fn block_of(
         &self,
         column_blocks: &mut [Mutex<ColumnBlock>],
         block: &Block,
     ) -> Result<Vec<Vec<f32>>, SourceSinkError> {
         let width = self.window.width;
-        let out: Vec<Vec<f32>> = vec![vec![0.0; block.finished.len() * width]; self.planes.len()];
+        let planes = self.planes.len();
+        let plane = |_| vec![0.0; block.finished.len() * width];
+        let out: Vec<Vec<f32>> = (0..planes + self.corrections.len()).map(plane).collect();
         let out = Mutex::new(out);
         let (next, failed) = (AtomicUsize::new(0), Mutex::new(None));
         let column_blocks = &*column_blocks;
@@ -189,8 +167,12 @@ impl Pass<'_> {
                         let rows = block.finished.len();
                         for (plane, to) in out.iter_mut().enumerate() {
                             for row in 0..rows {
-                                let from = &scratch.total[(plane * rows + row) * n..][..n];
                                 let to = &mut to[row * width + own.start..][..n];
+                                if let Some(plane) = plane.checked_sub(planes) {
+                                    to.copy_from_slice(&scratch.corrected[(plane * rows + row) * n..][..n]);
+                                    continue;
+                                }
+                                let from = &scratch.total[(plane * rows + row) * n..][..n];
                                 std::iter::zip(to, from).for_each(|(to, v)| *to = *v as f32);
                             }
                         }
@@ -209,56 +191,102 @@ impl Pass<'_> {
         }
     }
 
-    /// All bands of a column block of a row block: `scratch.total` holds the planes of the finished rows.
+    /// All bands of a column block of a row block: `scratch` holds the planes of the finished rows.
     fn column_block(
         &self,
         column_block: &mut ColumnBlock,
         block: &Block,
         scratch: &mut Scratch,
     ) -> Result<(), SourceSinkError> {
-        let (n, across) = (column_block.columns.len(), column_block.film.len());
-        let Scratch { film, sum, total, weights, lines } = scratch;
-        let copies = self.rows.is_copy() && self.columns.is_copy();
-        film.resize(block.film.len() * across, 0.0);
-        sum.resize(across, 0.0);
-        total.clear();
-        total.resize(self.planes.len() * block.finished.len() * n, 0.0);
-        let rect =
-            Rect::new(block.film.start as i64, column_block.film.start as i64, block.film.len(), across);
-        let (begun, open) = (block.begun.len(), block.open.len());
-        let mut carry = vec![0.0; self.bands * open * across];
-        for band in 0..self.bands {
+        let (n, across, rows) = (column_block.columns.len(), column_block.film.len(), block.finished.len());
+        let together = self.bands_at_once.clamp(1, self.bands.max(1));
+        let area = block.film.len() * across;
+        scratch.film.resize(together * area, 0.0);
+        scratch.total.clear();
+        scratch.total.resize(self.planes.len() * rows * n, 0.0);
+        scratch.corrected.clear();
+        scratch.corrected.resize(self.corrections.len() * rows * n, 0.0);
+        let mut carry = vec![0.0; self.bands * block.open.len() * across];
+        for first in (0..self.bands).step_by(together) {
+            let bands = first..(first + together).min(self.bands);
+            self.read(bands.clone(), column_block, block, &mut scratch.film)?;
+            self.weigh_columns(&bands, column_block, &mut scratch.weights);
+            self.factors(bands.clone(), column_block, &mut scratch.factors);
+            self.add_bands(bands, column_block, block, scratch, &mut carry);
+        }
+        column_block.carry = carry;
+        Ok(())
+    }
+
+    /// The film pixels of a column block of a row block, band after band.
+    fn read(
+        &self,
+        bands: Range<usize>,
+        column_block: &ColumnBlock,
+        block: &Block,
+        film: &mut [f32],
+    ) -> Result<(), SourceSinkError> {
+        let (down, across) = (&block.film, &column_block.film);
+        let rect = Rect::new(down.start as i64, across.start as i64, down.len(), across.len());
+        for (band, film) in bands.zip(film.chunks_mut(rect.size().pixels())) {
             if band + 1 < self.bands {
                 self.film.prefetch(band + 1, rect);
             }
             self.film.read(band, rect, film)?;
-            self.weigh_columns(band, column_block, weights);
-            for row in block.finished.start..block.open.end {
-                let own = (row - block.finished.start, block.finished.len());
-                if copies {
-                    self.weigh_row(band, row, column_block, weights, lines);
-                    let line = &film[(self.rows.range(row).start - block.film.start) * across..][..across];
-                    self.add_copy(row, line, weights, own, total);
-                    continue;
-                }
+        }
+        Ok(())
+    }
+
+    /// Adds bands that were read to the rows of a block.
+    fn add_bands(
+        &self,
+        bands: Range<usize>,
+        column_block: &ColumnBlock,
+        block: &Block,
+        scratch: &mut Scratch,
+        carry: &mut [f64],
+    ) {
+        let Scratch { film, sum, means, total, corrected, weights, factors, products, lines } = scratch;
+        let (n, across) = (column_block.columns.len(), column_block.film.len());
+        let (begun, open) = (block.begun.len(), block.open.len());
+        let area = block.film.len() * across;
+        let copies = self.rows.is_copy() && self.columns.is_copy();
+        sum.resize(across, 0.0);
+        means.resize(bands.len() * n, 0.0);
+        for row in block.finished.start..block.open.end {
+            let finished = row < block.finished.end;
+            if finished {
+                self.weigh_row(&bands, row, column_block, weights, lines);
+            }
+            let mut add = RowAdder { weights, factors, products, total, corrected };
+            let own = (row - block.finished.start, block.finished.len());
+            if copies {
+                let first = (self.rows.range(row).start - block.film.start) * across;
+                let of = |k: usize| &film[k * area + first..][..across];
+                let lines: Vec<&[f32]> = (0..bands.len()).map(of).collect();
+                self.add_row(row, &lines, own, &mut add);
+                continue;
+            }
+            for (k, band) in bands.clone().enumerate() {
                 match row.checked_sub(block.begun.start).filter(|k| *k < begun) {
                     Some(k) => {
                         sum.copy_from_slice(&column_block.carry[(band * begun + k) * across..][..across])
                     }
                     None => sum.fill(0.0),
                 }
-                self.add_rows(row, block, film, sum);
-                if row >= block.finished.end {
-                    let k = row - block.open.start;
-                    carry[(band * open + k) * across..][..across].copy_from_slice(sum);
-                    continue;
+                self.add_rows(row, block, &film[k * area..][..area], sum);
+                if finished {
+                    self.add_columns(column_block, sum, &mut means[k * n..][..n]);
+                } else {
+                    let place = band * open + row - block.open.start;
+                    carry[place * across..][..across].copy_from_slice(sum);
                 }
-                self.weigh_row(band, row, column_block, weights, lines);
-                self.add_columns(row, column_block, sum, weights, own, total);
+            }
+            if finished {
+                let lines: Vec<&[f64]> = means.chunks(n).collect();
+                self.add_row(row, &lines, own, &mut add);
             }
         }
-        column_block.carry = carry;
-        Ok(())
     }
 
     /// Adds the film rows of the block in the sum of sensor row `row` of the window.
@@ -276,101 +304,65 @@ impl Pass<'_> {
         }
     }
 
-    /// Weights of a band for the columns of a column block: plane by plane, row by row of the mosaic.
-    fn weigh_columns(&self, band: usize, column_block: &ColumnBlock, weights: &mut Vec<f64>) {
-        let pattern = &self.sensor.pattern;
-        let first = self.window.x as usize;
-        weights.clear();
-        for plane in self.planes {
-            for row in 0..pattern.rows {
-                let of = |x: usize| plane.0[pattern.channel(row, first + x)][band];
-                weights.extend(column_block.columns.clone().map(of));
-            }
-        }
-    }
-
-    /// Those of row `row` of the window, where they differ over the sensor.
-    fn weigh_row(
-        &self,
-        band: usize,
-        row: usize,
-        column_block: &ColumnBlock,
-        weights: &mut [f64],
-        lines: &mut Vec<Vec<f64>>,
-    ) {
-        let (pattern, n) = (&self.sensor.pattern, column_block.columns.len());
-        let row = self.window.y as usize + row;
-        let phase = row % pattern.rows;
-        let channels = &pattern.channels[phase * pattern.columns..][..pattern.columns];
-        let first = self.window.x as usize + column_block.columns.start;
-        for (p, (plane, nodes)) in self.planes.iter().zip(&column_block.nodes).enumerate() {
-            let Some(field) = &plane.1 else { continue };
-            lines.resize_with(pattern.columns, Vec::new);
-            for (line, channel) in lines.iter_mut().zip(channels) {
-                field.line((*channel, band), row, line);
-            }
-            let to = &mut weights[(p * pattern.rows + phase) * n..][..n];
-            // Column by column of the mosaic.
-            for (column, line) in lines.iter().enumerate() {
-                let begin = (column + pattern.columns - first % pattern.columns) % pattern.columns;
-                let uniform = plane.0[channels[column]][band];
-                let own = to.iter_mut().zip(nodes).skip(begin).step_by(pattern.columns);
-                own.for_each(|(to, taps)| *to = uniform + interpolated(line, taps));
-            }
-        }
-    }
-
-    /// Weights and totals of a sensor row in each plane.
-    fn of_row<'t>(
+    /// Adds bands of a sensor row to the totals of all planes, which have `rows` rows of which it is the `own`.
+    fn add_row<V: Copy + Into<f64>>(
         &self,
         row: usize,
-        weights: &'t [f64],
+        lines: &[&[V]],
         (own, rows): (usize, usize),
-        total: &'t mut [f64],
-    ) -> impl Iterator<Item = (&'t [f64], &'t mut [f64])> + use<'t> {
-        let n = weights.len() / (self.planes.len() * self.sensor.pattern.rows);
-        let (period, phase) =
-            (self.sensor.pattern.rows, (self.window.y as usize + row) % self.sensor.pattern.rows);
-        let by_plane = weights.chunks(period * n).map(move |w| &w[phase * n..][..n]);
-        std::iter::zip(by_plane, total.chunks_mut(rows * n).map(move |t| &mut t[own * n..][..n]))
-    }
-
-    /// Adds a band of a sensor row that is a film row.
-    fn add_copy(&self, row: usize, line: &[f32], weights: &[f64], own: (usize, usize), total: &mut [f64]) {
-        for (weights, to) in self.of_row(row, weights, own, total) {
+        add: &mut RowAdder<'_>,
+    ) {
+        let (pattern, n, bands) = (&self.sensor.pattern, lines[0].len(), lines.len());
+        let phase = (self.window.y as usize + row) % pattern.rows;
+        for plane in 0..self.planes.len() {
+            let (weights, tile) = self.row_weights(&add.weights[plane], phase, bands);
+            let to = &mut add.total[(plane * rows + own) * n..][..n];
             Set::detect().run(
                 #[inline(always)]
-                || add_weighed(weights, line, to),
+                || add_weighed((weights, tile), lines, to),
+            );
+        }
+        if self.corrections.is_empty() {
+            return;
+        }
+        add.products.resize(bands * n, 0.0);
+        let (weights, own_tile) = self.row_weights(&add.weights[0], phase, bands);
+        for ((weights, line), out) in weights.chunks(own_tile).zip(lines).zip(add.products.chunks_mut(n)) {
+            Set::detect().run(
+                #[inline(always)]
+                || multiply(weights, line, out),
+            );
+        }
+        let products: Vec<&[f32]> = add.products.chunks(n).collect();
+        let tile = tile(pattern.columns);
+        for correction in 0..self.corrections.len() {
+            let first = (phase * self.corrections.len() + correction) * bands * tile;
+            let factors = &add.factors[first..][..bands * tile];
+            let to = &mut add.corrected[(correction * rows + own) * n..][..n];
+            Set::detect().run(
+                #[inline(always)]
+                || add_weighed((factors, tile), &products, to),
             );
         }
     }
 
-    /// Adds a band of a sensor row, summed over film rows, to the totals of all planes.
-    fn add_columns(
-        &self,
-        row: usize,
-        column_block: &ColumnBlock,
-        sum: &[f64],
-        weights: &[f64],
-        own: (usize, usize),
-        total: &mut [f64],
-    ) {
-        for (weights, to) in self.of_row(row, weights, own, total) {
-            for (i, (to, weight)) in std::iter::zip(to, weights).enumerate() {
-                let (at, taps) = self.columns.of(column_block.columns.start + i);
-                let part = &sum[at - column_block.film.start..][..taps.len()];
-                *to += weight * std::iter::zip(taps, part).fold(0.0, |s, (w, v)| s + w * v);
-            }
+    /// Means over the pixels of a row from its sums over film rows.
+    fn add_columns(&self, column_block: &ColumnBlock, sum: &[f64], means: &mut [f64]) {
+        for (i, mean) in means.iter_mut().enumerate() {
+            let (at, taps) = self.columns.of(column_block.columns.start + i);
+            let part = &sum[at - column_block.film.start..][..taps.len()];
+            *mean = std::iter::zip(taps, part).fold(0.0, |s, (w, v)| s + w * v);
         }
     }
 }
 
-/// Adds the numbers of `line`, each weighed by its own of `weights`.
-#[inline(always)]
-fn add_weighed(weights: &[f64], line: &[f32], to: &mut [f64]) {
-    for (to, (w, v)) in std::iter::zip(to, std::iter::zip(weights, line)) {
-        *to += w * f64::from(*v);
-    }
+/// Weights and totals of a row.
+struct RowAdder<'a> {
+    weights: &'a [Vec<f64>],
+    factors: &'a [f32],
+    products: &'a mut Vec<f32>,
+    total: &'a mut [f64],
+    corrected: &'a mut [f32],
 }
 
 /// A block of film rows and what it does to rows of the window.

@@ -151,9 +151,9 @@ impl<'a> Camera<'a> {
         let geometry = self.geometry(draw.sensor, size)?;
         let raw_size = geometry.size();
         let (rows, columns) = geometry.taps(raw_size.rect())?;
-        let mut planes = vec![BandWeights::electrons(sensor, &self.nm, &vec![1.0; self.nm.len()])];
+        let planes = [BandWeights::electrons(sensor, &self.nm, &vec![1.0; self.nm.len()])];
         let spread = self.corrections[draw.sensor].as_ref().map(|of| SpreadRows::new(raw_size, of.clone()));
-        planes.extend(spread.iter().flat_map(|spread| spread.planes(&planes[0])).collect::<Vec<_>>());
+        let corrections = spread.as_ref().map(SpreadRows::factors).unwrap_or_default();
         let bands = ArrayChart::new(size, self.nm.clone(), NanPolicy::Keep);
         let mut signal = Vec::with_capacity(raw_size.pixels());
         let pass = Pass {
@@ -164,7 +164,9 @@ impl<'a> Camera<'a> {
             columns: &columns,
             window: raw_size.rect(),
             planes: &planes,
+            corrections: &corrections,
             block: (64, size.width),
+            bands_at_once: 8,
             threads: 1,
             cancel: &AtomicBool::new(false),
         };

@@ -18,6 +18,8 @@ pub const DEFAULT: u64 = 1 << 30;
 const STRIP_BYTES: usize = 4 * STRIP + 64 * 8 * 8;
 /// Columns of the signal that are read at a time for that.
 pub const STRIP: usize = 512;
+/// Bands of a block that are read together where memory allows it, without corrections and with them, whose sums are then read and written less often; measured.
+const TOGETHER: (usize, usize) = (2, 16);
 /// Minimum rows of a block of the film.
 const BLOCK_ROWS: usize = 512;
 
@@ -56,6 +58,8 @@ pub struct Memory {
     pub cache: usize,
     /// Rows and columns of the film that a worker reads at a time.
     pub block: (usize, usize),
+    /// Bands of a block that a worker reads before it adds them.
+    pub bands_at_once: usize,
 }
 
 impl Memory {
@@ -71,18 +75,25 @@ impl Memory {
         let film_columns = (needs.width as f64 * needs.ratio) as usize;
         let carry = if needs.aligned { 0 } else { 2 * 8 * 4 * needs.bands * film_columns };
         let shard = needs.shard.0 * needs.shard.1;
-        let block_bytes = 4 * block.0 * (block.1 + 16)
-            + 8 * all_planes * rows * ((block.1 as f64 / needs.ratio) as usize + 2);
+        let sums =
+            (8 * needs.planes + 4 * needs.corrections) * rows * ((block.1 as f64 / needs.ratio) as usize + 2);
         let moved = match needs.margin {
             0 => 0,
             margin => 4 * (block.0 + 2 * margin) * (block.1 + 16 + 2 * margin),
         };
         let flows = needs.column * (STRIP_BYTES + 4 * needs.shard.1);
-        let worker = WORKER
-            + flows
-            + (4 * needs.chunk.0 * needs.chunk.1 * 2 + block_bytes + moved).max(shard * (4 + 2 + 2));
+        let worker_with = |bands_at_once: usize| {
+            let block_bytes = 4 * bands_at_once * block.0 * (block.1 + 16) + sums;
+            let chunks = 4 * needs.chunk.0 * needs.chunk.1 * 2;
+            WORKER + flows + (chunks + block_bytes + moved).max(shard * (4 + 2 + 2))
+        };
         let fixed = BASE + signal + carry;
         let usable = limit / 16 * 15;
+        let most = if needs.corrections > 0 { TOGETHER.1 } else { TOGETHER.0 };
+        let mut fewer = std::iter::successors(Some(most), |n| Some(n / 2).filter(|n| *n > 0));
+        let fits = |n: &usize| fixed + threads * worker_with(*n) <= usable;
+        let bands_at_once = fewer.find(fits).unwrap_or(1);
+        let worker = worker_with(bands_at_once);
         let fit = (1..=threads).rev().find(|n| fixed + n * worker <= usable);
         let Some(threads) = fit else {
             let minimum = (fixed + worker) / 15 * 16;
@@ -94,7 +105,13 @@ impl Memory {
         };
         let column = 4 * needs.chunk.0 * needs.chunk.1 * needs.bands * (block.0 / needs.chunk.0);
         let wanted = if needs.aligned { 0 } else { column.saturating_mul(threads + 2) };
-        Ok(Self { limit, threads, cache: wanted.min(usable - fixed - threads * worker), block })
+        Ok(Self {
+            limit,
+            threads,
+            cache: wanted.min(usable - fixed - threads * worker),
+            block,
+            bands_at_once,
+        })
     }
 }
 

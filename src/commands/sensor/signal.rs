@@ -11,7 +11,7 @@ use formats::durable::{free_bytes, is_url, unnamed_temp_file};
 use pipeline::flow::ChartSource;
 use pipeline::geometry::Rect;
 use pipeline::sensor::SignalHistogram;
-use pipeline::sensor::spread;
+use pipeline::sensor::spread::{self, SpreadRows};
 use pipeline::sensor::stream::{BandWeights, Deliver, Pass};
 use std::fs::File;
 use std::ops::Range;
@@ -130,8 +130,7 @@ pub fn pass(
     let crosstalk = job.spread.as_ref();
     let read = crosstalk.map_or(window, |of| of.reach(window));
     let (row_taps, column_taps) = geometry.taps(read)?;
-    let mut planes = planes.to_vec();
-    planes.extend(crosstalk.map(|of| of.planes(&planes[0])).into_iter().flatten());
+    let corrections = crosstalk.map(SpreadRows::factors).unwrap_or_default();
     let moved = job.motion.as_ref().map(|of| of.motion.film(&film.bands));
     let pass = Pass {
         film: moved.as_ref().map_or(&film.bands as &dyn ChartSource, |moved| moved),
@@ -140,8 +139,10 @@ pub fn pass(
         rows: &row_taps,
         columns: &column_taps,
         window: read,
-        planes: &planes,
+        planes,
+        corrections: &corrections,
         block: job.memory.block,
+        bands_at_once: job.memory.bands_at_once,
         threads: job.memory.threads,
         cancel: interrupt::cancel_flag(),
     };

@@ -86,10 +86,10 @@ fn signal(
 ) -> Vec<f32> {
     let size = film.size();
     let weights = BandWeights::electrons(sensor, &BANDS_NM, &[1.0; 4]);
-    let mut planes = vec![weights];
+    let planes = [weights];
     let spread = sensor.crosstalk.as_ref().map(|of| SpreadRows::new(size, of.corrections(sensor, &BANDS_NM)));
     let read = spread.as_ref().map_or(window, |spread| spread.reach(window));
-    planes.extend(spread.iter().flat_map(|spread| spread.planes(&planes[0])).collect::<Vec<_>>());
+    let corrections = spread.as_ref().map(SpreadRows::factors).unwrap_or_default();
     let axis = |pixels: usize| Axis {
         film_px: pixels,
         film_pitch_um: 2.0,
@@ -111,7 +111,9 @@ fn signal(
         columns: &columns,
         window: read,
         planes: &planes,
+        corrections: &corrections,
         block,
+        bands_at_once: threads,
         threads,
         cancel: &cancel,
     };

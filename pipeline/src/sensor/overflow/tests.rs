@@ -1,6 +1,6 @@
 use super::*;
-use crate::sensor::Sensor;
 use crate::sensor::noise::tests::{example, exposure};
+use crate::sensor::{Exposure, Sensor};
 
 const WELL: f64 = 1000.0;
 
@@ -117,5 +117,30 @@ fn what_a_sensor_receives_is_that_of_its_columns() {
     exposer.expose(&signal, rect, &mut without);
     for (k, received) in all.iter().enumerate() {
         assert!(with[k] >= without[k] && (*received > 0.0 || with[k] == without[k]));
+    }
+}
+
+/// A signal within the limit has no charge above it, whatever the noises of its pixels; a little more light than a full well has.
+#[test]
+fn no_charge_exceeds_a_limit_that_its_signal_is_within() {
+    let mut sensor = Sensor { ..example() };
+    sensor.noise.prnu = 0.05;
+    sensor.noise.dark_nonuniformity = 0.3;
+    sensor.defects = crate::sensor::Defects { hot_pixels: 0.3, hot_dark_e_per_s: 2.0, ..sensor.defects };
+    for (limit_e, seconds) in [(300.0, 0.01), (1000.0, 0.1), (10_000.0, 1.0), (50.0, 0.01), (20.0, 100.0)] {
+        let exposer = Exposer::new(&sensor, &Exposure { seconds, ..exposure() });
+        let within = exposer.signal_within(limit_e, 7);
+        if within == f64::NEG_INFINITY {
+            assert!(limit_e < 100.0);
+            continue;
+        }
+        let charges = |signal: f64| {
+            let rect = Rect::new(7, 0, 1, 20_000);
+            let mut out = vec![0.0; 20_000];
+            exposer.charges(&vec![signal as f32; 20_000], rect, &mut out);
+            out.into_iter().fold(0.0, f64::max)
+        };
+        assert!(charges(within) <= limit_e, "{limit_e}: {}", charges(within));
+        assert!(charges(2.0 * limit_e / seconds) > limit_e);
     }
 }

@@ -67,7 +67,9 @@ fn signal(
         columns: &columns,
         window,
         planes: &planes,
+        corrections: &[],
         block,
+        bands_at_once: 1 + block.0 % 3,
         threads,
         cancel: &cancel,
     };
