@@ -155,6 +155,7 @@ impl Frame {
             dn_per_e: self.gain * sensor.adc.gain_dn_per_e,
             limit_e: sensor.saturation_e(self.gain).min(pixel.overflow.knee * pixel.full_well_e),
             dark_variance_e2: self.noise().dark_variance_e2(sensor, self.gain),
+            low_gain: self.noise().low_gain(sensor, self.gain),
         };
         Ok(Self { bracket: Some((bracket, order)), ..self })
     }

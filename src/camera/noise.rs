@@ -1,5 +1,6 @@
 //! The noise of a raw's pixels: that of its sensor, of the noises that it was made with.
 
+use pipeline::develop::merge::LowGain;
 use pipeline::sensor::{NoiseSet, Sensor};
 use serde_json::{Map, Value};
 
@@ -34,5 +35,13 @@ impl RawNoise {
     /// Variance of a dark pixel over frames at no exposure, e-².
     pub fn dark_variance_e2(self, sensor: &Sensor, gain: f64) -> f64 {
         sensor.noise_variance(self.on, gain, 0.0, 0.0).temporal_e2()
+    }
+
+    /// The low one of two conversion gains; none where pixels are read with one.
+    pub fn low_gain(self, sensor: &Sensor, gain: f64) -> Option<LowGain> {
+        let transition_dn = sensor.adc.dual_gain?.transition_dn;
+        let charge_e = (transition_dn.1 - sensor.adc.black_dn) / (gain * sensor.adc.gain_dn_per_e);
+        let above = sensor.noise_variance(self.on, gain, charge_e.next_up(), 0.0);
+        Some(LowGain { transition_dn, dark_variance_e2: above.frames_e2 + above.rounding_e2 })
     }
 }

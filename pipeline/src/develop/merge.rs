@@ -1,16 +1,20 @@
 //! Frames of several exposure times as one frame of a wider range: the light of each pixel from all frames in which it is not full.
 //!
-//! Of the frame k with the time t_k, shortest first, n_k = (raw_k − black)/(g·K) electrons; σ² (e-²) the variance of a dark pixel over frames, r the rate (e-/s):
+//! Of the frame k with the time t_k, shortest first, n_k = (raw_k − black)/(g·K) electrons; σ_k² (e-²) the variance over frames of a pixel without light, r the rate (e-/s):
 //!
 //! ```text
 //! u_k      = 1 for the shortest frame; of others 1 up to r₍k₋₁₎·t_k = limit/2, falling to 0 at 0.95 limit, and 0 where raw_k is above 0.98 limit
 //! r₍k₎     = Σ u_i n_i / Σ u_i t_i                                           frames up to k: maximum likelihood of Poisson numbers
-//! r        = Σ w_k n_k/t_k / Σ w_k,    w_k = u_k t_k²/(max(r₍last₎, 0)·t_k + σ²)   inverse variances
+//! r        = Σ w_k n_k/t_k / Σ w_k,    w_k = u_k t_k²/(max(r₍last₎, 0)·t_k + σ_k²)   inverse variances
 //! merged   = black + g·K·r·t                                                 DN; t: time of the frame whose brightness the picture has
 //! ```
 //!
+//! Of two conversion gains σ_k² is that of the one that raw_k was read with, and in their transition (1 − w)²·σ_high² + w²·σ_low² ([`crate::sensor::dual_gain`]); rounding is that of whole numbers of each gain.
+//!
 //! limit: saturation, or the knee of the full well, above which charge is not that of the light. The share u of a frame follows from shorter frames and falls slowly: a choice by the frame's own noise, or at a step, would bias the mean
 //! (here by less than 1.5·10⁻³ where the shorter frame has a noise of 2 %). After M. Granados et al., "Optimal HDR reconstruction with linear digital cameras", CVPR 2010, in one step. Dark charge is part of the rate, as in a single frame.
+
+use crate::sensor::dual_gain::share;
 
 /// Predicted shares of the limit between which a frame's own share falls; found one above which it is not used.
 const PREDICTED: (f64, f64) = (0.5, 0.95);
@@ -29,7 +33,18 @@ pub struct Bracket {
     pub dn_per_e: f64,
     /// Charge up to which digital numbers are those of the light, e-.
     pub limit_e: f64,
-    /// Variance of a dark pixel over frames, e-².
+    /// Variance over frames of a dark pixel, e-².
+    pub dark_variance_e2: f64,
+    /// The low conversion gain of pixels that are read with two.
+    pub low_gain: Option<LowGain>,
+}
+
+/// Pixels that the low one of two conversion gains is used for.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct LowGain {
+    /// Digital numbers between which its share rises from 0 to 1.
+    pub transition_dn: (f64, f64),
+    /// Variance over frames without light, e-².
     pub dark_variance_e2: f64,
 }
 
@@ -57,6 +72,13 @@ impl Bracket {
         (0..frames[0].len()).map(of).collect()
     }
 
+    /// σ_k² of a number of so many electrons.
+    fn variance_without_light_e2(&self, electrons: f64) -> f64 {
+        let Some(low) = self.low_gain else { return self.dark_variance_e2 };
+        let w = share(low.transition_dn, self.black_dn + self.dn_per_e * electrons);
+        (1.0 - w) * (1.0 - w) * self.dark_variance_e2 + w * w * low.dark_variance_e2
+    }
+
     /// r of the electrons of each frame.
     fn rate_e_per_s(&self, electrons: &[f64]) -> f64 {
         let (mut sum_e, mut sum_s) = (electrons[0], self.times_s[0]);
@@ -74,7 +96,7 @@ impl Bracket {
         let rate = (sum_e / sum_s).max(0.0);
         let frames = electrons.iter().zip(&self.times_s).zip(&shares);
         let (value, weight) = frames.fold((0.0, 0.0), |(value, weight), ((n, seconds), share)| {
-            let variance = (rate * seconds + self.dark_variance_e2).max(f64::MIN_POSITIVE);
+            let variance = (rate * seconds + self.variance_without_light_e2(*n)).max(f64::MIN_POSITIVE);
             let w = share * seconds * seconds / variance;
             (value + w * n / seconds, weight + w)
         });
@@ -94,6 +116,7 @@ mod tests {
             dn_per_e: 0.5,
             limit_e: 10_000.0,
             dark_variance_e2: 9.0,
+            low_gain: None,
         }
     }
 
@@ -126,6 +149,22 @@ mod tests {
         let dark = Bracket { dark_variance_e2: 1e9, ..of };
         let rate = dark.rate_e_per_s(&[10.0, 20.0]);
         assert!((rate - (1.0 * 1000.0 + 16.0 * 500.0) / 17.0).abs() < 0.1, "{rate}");
+    }
+
+    /// A dark variance that makes the shorter frame worthless where it is read with the low gain, and counts it where not.
+    #[test]
+    fn frames_are_weighed_by_the_gain_that_they_were_read_with() {
+        // 1064 DN are 2000 e-.
+        let low_gain = LowGain { transition_dn: (1064.0, 1164.0), dark_variance_e2: 1e9 };
+        let of = Bracket { dark_variance_e2: 0.0, low_gain: Some(low_gain), ..bracket(&[0.01, 0.02]) };
+        // Both below: as one frame of 30 ms. The longer one above: the shorter one alone.
+        for (electrons, expected) in [([900.0, 1980.0], 2880.0 / 0.03), ([1500.0, 3300.0], 150_000.0)] {
+            let rate = of.rate_e_per_s(&electrons);
+            assert!((rate / expected - 1.0).abs() < 1e-4, "{electrons:?}: {rate} {expected}");
+        }
+        // In the middle of the transition a quarter of the variance, beside which the other's is nothing.
+        assert_eq!(of.variance_without_light_e2(2100.0), 0.25e9);
+        assert_eq!([1999.0, 2201.0].map(|n| of.variance_without_light_e2(n)), [0.0, 1e9]);
     }
 
     /// The mean over noise is that of the light, also where a frame ends.

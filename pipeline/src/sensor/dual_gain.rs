@@ -34,14 +34,7 @@ impl DualGain {
     /// w: share of the low gain at a number of the high one.
     #[inline(always)]
     pub fn share(&self, high_dn: f64) -> f64 {
-        let (first, last) = self.transition_dn;
-        if high_dn <= first {
-            0.0
-        } else if high_dn >= last {
-            1.0
-        } else {
-            (high_dn - first) / (last - first)
-        }
+        share(self.transition_dn, high_dn)
     }
 
     /// The linear number of two readings, which are rounded and limited here.
@@ -51,6 +44,18 @@ impl DualGain {
         let (high, low) = (whole(high_dn, max_dn), whole(low_dn, max_dn));
         let w = self.share(high);
         black_dn + (1.0 - w) * (high - black_dn) + w * self.ratio * (low - black_dn)
+    }
+}
+
+/// w of a transition at a number of the high gain.
+#[inline(always)]
+pub fn share((first, last): (f64, f64), high_dn: f64) -> f64 {
+    if high_dn <= first {
+        0.0
+    } else if high_dn >= last {
+        1.0
+    } else {
+        (high_dn - first) / (last - first)
     }
 }
 

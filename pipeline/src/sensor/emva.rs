@@ -6,11 +6,14 @@
 //! 1/12 DN², which holds from about 0.5 DN of noise on; below, the standard ends (minimum variance 0.24 DN²) and K is judged more widely.
 //! The frames have no row noise, which is not a property of a pixel.
 //!
+//! Offsets of columns with a spectrum vary less within the frames' columns than over a die: the stated DSNU is that of so many columns, with the standard deviation of it over dies.
+//!
 //! Raws of companding converters are linearized first. Where rounding and noise of the electronics at a mean are not those of the dark (companding, two conversion gains), the variance of the fit is less by what the description states of the difference:
 //! K and QE are measured, the noise of the low gain is not.
 
 use super::figures::Quantity;
 use super::noise::Exposer;
+use super::power_law::variance_within;
 use super::{Exposure, NoiseSet, Sensor};
 use crate::geometry::Size;
 use rayon::prelude::*;
@@ -85,8 +88,10 @@ pub struct Stated {
     pub dark_noise_e: f64,
     /// Saturation, e-.
     pub saturation_e: f64,
-    /// Dark signal non-uniformity, e-.
+    /// Dark signal non-uniformity within the frames, e-.
     pub dsnu_e: f64,
+    /// Its standard deviation over dies by column offsets with a spectrum, e-; 0 where they are independent.
+    pub dsnu_deviation_e: f64,
     /// Photo response non-uniformity.
     pub prnu: f64,
 }
@@ -242,6 +247,14 @@ impl Bench<'_> {
         let s = self.sensor;
         let dark = s.dark_current_e_per_s(None) * self.seconds;
         let in_dark = s.noise_variance(NOISES, 1.0, dark, dark);
+        let exponent = s.noise_spectrum.column_exponent;
+        let column_e2 = s.noise.column_offset_e * s.noise.column_offset_e;
+        let (share, deviation) = if exponent > 0.0 && column_e2 > 0.0 {
+            variance_within(exponent, FRAME.width)
+        } else {
+            (1.0, 0.0)
+        };
+        let dsnu_e = (in_dark.fixed_e2 - (1.0 - share) * column_e2).max(0.0).sqrt();
         // Of a charge of light of 1 e-, of which only shares differ between pixels.
         let shares = s
             .noise
@@ -252,7 +265,8 @@ impl Bench<'_> {
             quantum_efficiency: self.quantum_efficiency,
             dark_noise_e: (in_dark.shot_e2 + in_dark.frames_e2).sqrt(),
             saturation_e: s.saturation_e(1.0),
-            dsnu_e: in_dark.fixed_e2.sqrt(),
+            dsnu_e,
+            dsnu_deviation_e: if dsnu_e > 0.0 { 0.5 * deviation * column_e2 / dsnu_e } else { 0.0 },
             prnu: shares.map(|(_, value)| value * value).sum::<f64>().sqrt(),
         }
     }
@@ -273,6 +287,25 @@ mod tests {
         let stated =
             Bench { sensor: &sensor, quantum_efficiency: 0.5, seconds: 0.01, seed: 1, die: 1 }.stated();
         assert!((stated.dsnu_e - 1.0).abs() < 1e-12 && stated.prnu == 0.1, "{stated:?}");
+    }
+
+    /// Offsets of columns of 5 e- with a spectrum, of which a part is the same in all of them: within the stated deviation of the dies.
+    #[test]
+    fn dsnu_of_columns_with_a_spectrum_is_that_of_so_many_columns() {
+        for column_exponent in [0.5, 1.0, 2.0] {
+            let mut sensor = example();
+            sensor.noise.column_offset_e = 5.0;
+            sensor.noise_spectrum.column_exponent = column_exponent;
+            let mut deviations = Vec::new();
+            for die in 1..=4 {
+                let bench = Bench { sensor: &sensor, quantum_efficiency: 0.5, seconds: 0.01, seed: 1, die };
+                let stated = bench.stated();
+                assert!(stated.dsnu_deviation_e > 0.02 * stated.dsnu_e);
+                let got = bench.stack(0.0, DARK_FRAMES).1.sqrt() / sensor.adc.gain_dn_per_e;
+                deviations.push((got - stated.dsnu_e) / stated.dsnu_deviation_e);
+            }
+            assert!(deviations.iter().all(|d| d.abs() < 4.0), "{column_exponent}: {deviations:?}");
+        }
     }
 
     /// Standard errors: a variance of 512² pixels √(2/N) = 0.28 %, over some thirty exposures 0.1 % of K.

@@ -62,6 +62,20 @@ pub fn values(exponent: f64, range: Range<u32>, z: impl Fn(u32) -> f64) -> Vec<f
     sums
 }
 
+/// Mean and standard deviation over dies (or frames) of the variance within `count` neighbouring places, the mean of the squares of their distances from their own mean, of noise of the variance 1:
+/// of the correlations R and the matrix H that subtracts the mean, tr(HR)/count and √(2·tr(HRHR))/count.
+pub fn variance_within(exponent: f64, count: usize) -> (f64, f64) {
+    let h = if exponent == 0.0 { vec![1.0] } else { weights(exponent) };
+    let lag = |m: usize| h.iter().zip(h.get(m..).unwrap_or_default()).map(|(a, b)| a * b).sum::<f64>();
+    let lags: Vec<f64> = (0..count).map(lag).collect();
+    let mean_of = |j: usize| (0..count).map(|i| lags[i.abs_diff(j)]).sum::<f64>() / count as f64;
+    let means: Vec<f64> = (0..count).map(mean_of).collect();
+    let centred = |i: usize, j: usize| lags[i.abs_diff(j)] - means[j];
+    let mean = (0..count).map(|i| centred(i, i)).sum::<f64>() / count as f64;
+    let squares = (0..count).map(|i| (0..count).map(|j| centred(i, j) * centred(j, i)).sum::<f64>());
+    (mean, (2.0 * squares.sum::<f64>()).sqrt() / count as f64)
+}
+
 #[cfg(test)]
 mod tests {
     use super::*;
@@ -96,6 +110,29 @@ mod tests {
             let of = |k: u32| values(exponent, 5000 * k..5000 * k + 1, z(7))[0];
             let variance = (0..4000).map(|k| of(k) * of(k)).sum::<f64>() / 4000.0;
             assert!((variance - 1.0).abs() < 5.0 * (2.0f64 / 4000.0).sqrt(), "{exponent}: {variance}");
+        }
+    }
+
+    /// Against 400 frames: four standard errors of their mean; their own deviation to 15 %, four standard errors of about normal ones.
+    #[test]
+    fn the_variance_within_a_part_is_that_of_many_frames() {
+        assert!((variance_within(0.0, 64).0 - 63.0 / 64.0).abs() < 1e-12);
+        const FRAMES: u64 = 400;
+        for exponent in [0.5, 1.0, 2.0] {
+            let (expected, deviation) = variance_within(exponent, 64);
+            let of = |frame: u64| {
+                let rows = values(exponent, 0..64, z(1000 + frame));
+                let mean = rows.iter().sum::<f64>() / 64.0;
+                rows.iter().map(|v| (v - mean) * (v - mean)).sum::<f64>() / 64.0
+            };
+            let all: Vec<f64> = (0..FRAMES).map(of).collect();
+            let n = FRAMES as f64;
+            let mean = all.iter().sum::<f64>() / n;
+            let spread = (all.iter().map(|v| (v - mean) * (v - mean)).sum::<f64>() / (n - 1.0)).sqrt();
+            assert!((mean - expected).abs() < 4.0 * deviation / n.sqrt(), "{exponent}: {mean} {expected}");
+            // The tails of a sum of few squares (exponent 2) are wider than normal ones.
+            let tolerance = if exponent < 2.0 { 0.15 } else { 0.35 };
+            assert!((spread / deviation - 1.0).abs() < tolerance, "{exponent}: {spread} {deviation}");
         }
     }
 
