@@ -228,7 +228,7 @@ def python(text):
 PAGES = {
     "README.md": ["cube.zarr", "cube.npy", "MY.zmx", "chart.zarr", "tol.toml", "scene.zarr", "room.glb", "recipe.toml"],
     "camera.md": ["chart.zarr", "photo.png", "film.zarr", "lens-a.zarr", "lens-b.zarr", "lens-a.raw.zarr", "lens-b.raw.zarr", "camera.toml", "cra.csv", "motion.csv"],
-    "charts.md": ["cube.zarr", "cube.hdr", "cube.mat", "cave", "cube.tif", "cube.npy", "cube.raw", "photo.png"],
+    "charts.md": ["cube.zarr", "cube.hdr", "cube.mat", "cave", "cube.tif", "cube.npy", "cube.raw", "photo.png", "motion.csv"],
     "clusters.md": ["chart.zarr"],
     "datasets.md": ["recipe.toml"],
     "depth.md": ["scene.zarr", "MY.zmx", "render.exr", "depth.npy", "behind.zarr"],

@@ -47,7 +47,7 @@ pub use bench::BenchArgs;
 pub use built::{BuiltArgs, LensSamples};
 pub use cache::{CacheAction, CacheArgs};
 pub use camera::{CameraArgs, Renderer};
-pub use chart::{ChartArgs, ChartCommand, GeneratedArgs, ImageArgs};
+pub use chart::{ChartArgs, ChartCommand, GeneratedArgs, ImageArgs, MotionArgs};
 pub use compare::CompareArgs;
 pub use dataset::{DatasetArgs, Part};
 pub use demo::DemoArgs;

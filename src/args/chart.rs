@@ -14,6 +14,7 @@ use std::path::PathBuf;
     disable_help_subcommand = true,
     after_help = "Examples:\n  lenscube chart slanted-edge edges.zarr --film-size 14141 --grid 5 --angle-deg 5\n  \
 lenscube chart image photo.png chart.zarr --film-pitch-um 2\n  \
+lenscube chart motion chart.zarr moved.zarr --motion motion.csv --exposure 4ms\n  \
 lenscube chart depth-scene scene.zarr --film-size 1500x1000 --near-m 0.1 --far-m inf    # with distances and hidden surfaces\n  \
 lenscube run 'gen:composite?size=14141' film.zarr     # without a store"
 )]
@@ -26,11 +27,53 @@ pub struct ChartArgs {
     pub generated: Option<GeneratedArgs>,
 }
 
-/// Charts converted from files.
+/// Charts converted from files and other charts.
 #[derive(Debug, Subcommand)]
 pub enum ChartCommand {
     /// Convert a picture (PNG, JPEG, WebP, TIFF or OpenEXR) to a chart: colours become spectra of reflected light
     Image(ImageArgs),
+    /// Move a flat chart during an exposure: its mean over the time, of which `run` makes the film of the moving chart
+    Motion(MotionArgs),
+}
+
+/// `lenscube chart motion`
+#[derive(Debug, Args)]
+#[command(
+    after_help = "Example:\n  lenscube chart motion chart.zarr moved.zarr --motion motion.csv --exposure 4ms\n\
+motion.csv: time_s from the start of the exposure; x_um and y_um, the shift of the chart to the right and down; rotation_deg about its middle, clockwise. All are on the ideal image plane, where the \
+chart's pixel pitch is; linear between rows."
+)]
+pub struct MotionArgs {
+    /// Chart, as for `lenscube run`
+    #[arg(value_name = "CHART")]
+    pub chart: String,
+    /// Zarr store to write, local or at s3://BUCKET/PREFIX
+    #[arg(value_name = "OUT.zarr")]
+    pub out: PathBuf,
+    /// Motion of the chart, a CSV: time_s, x_um, y_um, rotation_deg
+    #[arg(long, value_name = "FILE.csv")]
+    pub motion: PathBuf,
+    /// Exposure time: 4ms, 1/60s
+    #[arg(long, value_name = "TIME")]
+    pub exposure: String,
+    /// Pixel pitch in µm [default: the chart's]
+    #[arg(long = "film-pitch-um", alias = "pitch-um", value_name = "UM", value_parser = pitch)]
+    pub pitch_um: Option<f64>,
+    /// Wavelengths of the chart's bands in nm where the store has none: 400:700:10 (both ends included) or 450,550
+    #[arg(long, value_name = "NM")]
+    pub wavelengths: Option<String>,
+    /// Compression of the store; zstd is smaller and slower
+    #[arg(long, value_parser = one_of(CODEC), default_value = "lz4")]
+    pub codec: Codec,
+    /// Worker threads [default: all cores]
+    #[arg(long, value_parser = threads)]
+    pub threads: Option<usize>,
+    /// Maximum memory, e.g. 1GiB; a small limit reduces the threads [default: half of the available memory, at most 4 GiB]
+    #[arg(long, value_name = "BYTES", value_parser = bytes)]
+    pub memory: Option<u64>,
+    /// Replace an existing chart
+    #[arg(long)]
+    pub overwrite: bool,
 }
 
 /// `lenscube chart image`
@@ -103,7 +146,7 @@ impl ImageArgs {
 /// `lenscube chart KIND`
 #[derive(Debug, Args)]
 pub struct GeneratedArgs {
-    /// uniform, points, slanted-edge, iso12233-esfr, dot-grid, black-spots, lamp, siemens, dead-leaves, oecf, checker, composite or depth-scene; or image, for a picture
+    /// uniform, points, slanted-edge, iso12233-esfr, dot-grid, black-spots, lamp, siemens, dead-leaves, oecf, checker, composite or depth-scene; or image, for a picture, motion, for a chart that moves
     #[arg(value_name = "KIND")]
     pub kind: String,
     /// Zarr store to write, local or at s3://BUCKET/PREFIX

@@ -1,6 +1,7 @@
-//! `lenscube chart`: writes a generated chart, or a chart made from a picture, to a store.
+//! `lenscube chart`: writes a generated chart, or a chart made from a picture or of one that moves, to a store.
 
 pub mod image;
+mod motion;
 
 use crate::args::{ChartArgs, ChartCommand, GeneratedArgs, size_order_note};
 use crate::failure::{other_job, usage};
@@ -16,10 +17,11 @@ use std::path::Path;
 pub fn command(args: &ChartArgs) -> Result<()> {
     match (&args.convert, &args.generated) {
         (Some(ChartCommand::Image(args)), _) => image::command(args),
+        (Some(ChartCommand::Motion(args)), _) => motion::command(args),
         (None, Some(args)) => draw(args),
-        (None, None) => {
-            Err(usage("a kind of chart, or `image` and a picture, is required; see `lenscube chart --help`"))
-        }
+        (None, None) => Err(usage(
+            "a kind of chart, or `image` and a picture, or `motion` and a chart, is required; see `lenscube chart --help`",
+        )),
     }
 }
 

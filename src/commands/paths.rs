@@ -138,6 +138,10 @@ fn of_chart(args: &ChartArgs) -> Guard {
         (Some(ChartCommand::Image(args)), _) => {
             guard.reads("picture", &args.file).writes("OUT.zarr", &args.out)
         }
+        (Some(ChartCommand::Motion(args)), _) => guard
+            .reads_chart("chart", &args.chart)
+            .reads("--motion", &args.motion)
+            .writes("OUT.zarr", &args.out),
         (None, Some(args)) => guard.writes("OUT.zarr", &args.out),
         (None, None) => guard,
     }

@@ -8,6 +8,7 @@ mod arrays;
 mod bad_input;
 mod band_samples;
 mod bounds;
+mod chart_motion;
 mod check_input;
 mod dataset;
 mod depth;

@@ -15,6 +15,7 @@ const LINES: &[&str] = &[
     "demo --dir=dir | dir",
     "chart uniform out | out",
     "chart image file out | out",
+    "chart motion chart out --motion=motion.csv --exposure=1s | out",
     "scene mesh out --lens=lens --film-size=9 --film-pitch-um=2 --material=m=material.csv --illuminant=illuminant.csv --glass-catalog=glass_catalog --coatings=coatings.toml | out",
     "lens show lens --plot=plot --csv=csv --glass-catalog=glass_catalog --coatings=coatings.toml | plot csv",
     "lens psf design out.npy --sections=sections --glass-catalog=glass_catalog --coatings=coatings.toml | out.npy sections",
@@ -98,7 +99,7 @@ fn words(line: &str) -> (String, Vec<String>) {
     let has_subcommand = match all[0] {
         "lens" => true,
         "sensor" => ["show", "validate"].contains(&all[1]),
-        "chart" => all[1] == "image",
+        "chart" => ["image", "motion"].contains(&all[1]),
         _ => false,
     };
     let n = if has_subcommand { 2 } else { 1 };
