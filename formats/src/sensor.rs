@@ -157,8 +157,15 @@ impl SensorFile {
         let filters = curves.filters()?;
         let names: Vec<String> = names.into_iter().map(|(name, _)| name).collect();
         let angle = text.angle.as_ref().map(|angle| AngleFile::read(&curves, angle, &names)).transpose()?;
-        let plates =
+        let plates: Vec<PlateFile> =
             text.plate.iter().map(|plate| PlateFile::read(&curves, plate)).collect::<Result<_, _>>()?;
+        for (k, plate) in plates.iter().enumerate() {
+            let curve = plate.plate().curve;
+            if filters.contains(&curve) || plates[..k].iter().any(|other| other.plate().curve == curve) {
+                let expected = "each plate and filter once";
+                return Err(curves.wrong("plate.file", expected, "a transmittance that is given twice"));
+            }
+        }
         let crosstalk = text.crosstalk.as_ref().map(|text| CrosstalkFile::read(&curves, text)).transpose()?;
         let file = Self { text, set, channels, filters, angle, plates, crosstalk, pattern };
         check::sensor(path, &file)?;
@@ -213,6 +220,11 @@ impl SensorFile {
             crosstalk: self.crosstalk.as_ref().map(|file| file.crosstalk(pitch_um, aperture_um)),
             pattern: self.pattern.clone(),
         }
+    }
+
+    /// Whether it has a plate that may be one of the lens: one that its description does not say is there besides the lens's.
+    pub fn may_repeat_plates(&self) -> bool {
+        self.text.plate.iter().any(|plate| !plate.besides_lens)
     }
 
     /// Pixel pitch in µm; `None` if it is the film's.

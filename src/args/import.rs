@@ -20,7 +20,7 @@ What the source does not contain must be given by a flag; nothing is guessed. An
 lens.csv     key,value: name, distortion_focal_length_mm, effective_focal_length_mm, f_number, primary_wavelength_nm,\n               \
 object_distance_mm (a number with magnification, or infinity), psf_sample point|integrated,\n               \
 psf_outward right|left|up|down, for windows of even size even_window pad|crop|shift\n  \
-heights.csv  wavelength_nm,ideal_height_mm,image_height_mm,relative_illumination: wavelengths ascend, heights from 0\n  \
+heights.csv  wavelength_nm,ideal_height_mm,image_height_mm,relative_illumination, and cra_deg for sensors that depend on angles: wavelengths ascend, heights from 0\n  \
 psf.csv      wavelength_nm,image_height_mm,psf_pitch_um,psf_energy,file,index: a row a window\n  \
 *.npy        windows, f4 or f8: (windows, rows, columns)\n\
 --template writes such a folder, with a README.\n\

@@ -91,9 +91,10 @@ pub fn command(args: &ShootArgs) -> Result<u8> {
     // What the lens, the sensor and the picture refuse is known before the film is made: of a picture by a chart of its size and bands.
     let stand_in = picture.as_ref().map(Picture::stand_in);
     let before = RunArgs { chart: stand_in.unwrap_or(chart), ..job.clone() };
-    let sensor = sensor::check_before_film(&exposure, Path::new(&film), &UntracedJob::new(&before)?.film)?;
+    let (file, sensor) =
+        sensor::check_before_film(&exposure, Path::new(&film), &UntracedJob::new(&before)?.film)?;
     let lens = UntracedLens::open_focused(&before.lens, &before.surfaces, &before.tracing)?;
-    sensor::check_lens(&sensor, &lens, &before.lens)?;
+    sensor::check_lens((&file, &sensor), &lens, &before.lens)?;
     if developed {
         check_white(args.white.as_deref(), &sensor)?;
     }

@@ -66,6 +66,51 @@ fn imported_pack_is_usable_in_a_run() {
     assert!(bands.iter().flatten().all(|v| (v - 1.0).abs() < 1e-2), "a uniform chart near the axis stays 1");
 }
 
+/// A column of chief-ray angles makes cones: here 3 degrees a millimetre behind a pupil of the F-number of the lens.
+#[test]
+fn chief_ray_angles_of_tables_are_the_directions_of_a_pack() {
+    let dir = tempfile::tempdir().unwrap();
+    let tables = dir.path().join("tables");
+    fs::create_dir(&tables).unwrap();
+    for file in fs::read_dir(data("../../data/tables-example")).unwrap() {
+        let file = file.unwrap();
+        fs::copy(file.path(), tables.join(file.file_name())).unwrap();
+    }
+    let heights = fs::read_to_string(tables.join("heights.csv")).unwrap();
+    let with_angles = |per_mm: f64| {
+        let row = |line: &str| {
+            let number = |k: usize| line.split(',').nth(k).and_then(|cell| cell.trim().parse::<f64>().ok());
+            match number(2) {
+                Some(height) => format!("{line},{}\n", per_mm * height),
+                None if line.contains("wavelength_nm") => format!("{line},cra_deg\n"),
+                None => format!("{line}\n"),
+            }
+        };
+        fs::write(tables.join("heights.csv"), heights.lines().map(row).collect::<String>()).unwrap();
+    };
+    with_angles(3.0);
+    let out = dir.path().join("cones.lens.zarr");
+    import(&tables, &out, &[]).ok();
+    let pack = LensPack::open(&out).unwrap();
+    let half = 0.5 / pack.lens().f_number;
+    for band in &pack.lens().bands {
+        let cones = band.cones.as_ref().unwrap();
+        let last_mm = *band.image_height_mm.last().unwrap();
+        assert!((cones.last_mm() / last_mm - 1.0).abs() < 1e-9, "{} {last_mm}", cones.last_mm());
+        for height_mm in [0.0, 0.3 * last_mm, 0.77 * last_mm] {
+            let (sine, cosine) = (3.0 * height_mm).to_radians().sin_cos();
+            let cone = cones.at(height_mm);
+            let found = [cone.chief, cone.centre, cone.tangential, cone.sagittal];
+            let expected = [sine, sine, half * cosine.powi(3), half * cosine];
+            for (found, expected) in found.into_iter().zip(expected) {
+                assert!((found - expected).abs() < 1e-9, "{height_mm}: {found} {expected}");
+            }
+        }
+    }
+    with_angles(1000.0);
+    assert_import_fails(&tables, &[], 1, &["heights.csv", "line", "cra_deg is", "expected -85 to 85"]);
+}
+
 #[test]
 fn npz_archive_is_imported_and_not_overwritten() {
     let dir = tempfile::tempdir().unwrap();

@@ -40,6 +40,11 @@ impl Csv {
         Ok(Self { path: path.into(), names, rows })
     }
 
+    /// Whether it has a column.
+    pub fn has_column(&self, name: &str) -> bool {
+        self.names.iter().any(|n| n == name)
+    }
+
     /// Index of a required column.
     pub fn column(&self, name: &str) -> Result<usize, ImportError> {
         self.names.iter().position(|n| n == name).ok_or_else(|| {

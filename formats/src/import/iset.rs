@@ -88,6 +88,7 @@ pub fn open(folder: &Path, options: &ImportOptions) -> Result<Imported, ImportEr
             illumination: (ideal.clone(), column(&ri)),
             psf_height_mm,
             psf_energy: Vec::new(),
+            cra_deg: Vec::new(),
         });
     }
     let psf_file = |h: usize, w: usize| {

@@ -129,6 +129,7 @@ impl Found {
             illumination: (ri.field_deg.iter().map(ideal).collect(), ri.relative_illumination.clone()),
             psf_height_mm: psf.iter().map(|p| p.1).collect(),
             psf_energy: Vec::new(),
+            cra_deg: Vec::new(),
         };
         Ok((band, psf.into_iter().map(|p| p.0).collect()))
     }

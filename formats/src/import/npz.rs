@@ -214,6 +214,7 @@ fn convert(mut arrays: Arrays<'_>, options: &ImportOptions) -> Result<Imported, 
                 illumination: (ideal, row(ri, b)),
                 psf_height_mm: row(real, b),
                 psf_energy: energy.map_or(Vec::new(), |e| row(e, b)),
+                cra_deg: Vec::new(),
             }
         })
         .collect();

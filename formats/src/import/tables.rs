@@ -8,12 +8,12 @@
 //!               primary_wavelength_nm,587.5618    object_distance_mm,infinity     magnification,0
 //!               psf_sample,point|integrated       psf_outward,right|left|up|down
 //!               even_window,pad|crop|shift        psf_rows,top|bottom             (these two only if needed)
-//! heights.csv   wavelength_nm,ideal_height_mm,image_height_mm,relative_illumination
+//! heights.csv   wavelength_nm,ideal_height_mm,image_height_mm,relative_illumination[,cra_deg]
 //! psf.csv       wavelength_nm,image_height_mm,psf_pitch_um,psf_energy,file,index
 //! *.npy         f4 or f8, C order: (windows, rows, columns), or (rows, columns) with index 0
 //! ```
 //! Rows of a wavelength ascend in height from 0; wavelengths ascend. `psf_energy` is the share of ALL the light that the window
-//! holds. `psf_outward` is the side of a window, drawn with its top row on top, that points away from the optical axis.
+//! holds. `cra_deg`, optional, is the angle of the chief ray in air in front of the film, positive away from the axis, for sensors whose response depends on it. `psf_outward` is the side of a window, drawn with its top row on top, that points away from the optical axis.
 //! `#` starts a comment. A worked example lies in `formats/data/tables-example`.
 
 use super::csv::Csv;
@@ -27,6 +27,9 @@ use std::path::{Path, PathBuf};
 
 /// The file by which the format is recognised.
 pub(super) const LENS_FILE: &str = "lens.csv";
+/// The column of chief-ray angles, and the largest one, degrees.
+const CRA: &str = "cra_deg";
+const MAX_CRA_DEG: f64 = 85.0;
 
 /// Reads a folder.
 ///
@@ -165,6 +168,7 @@ fn read_heights(path: &Path) -> Result<Vec<SparseBand>, ImportError> {
         ["wavelength_nm", "ideal_height_mm", "image_height_mm", "relative_illumination"]
             .map(|c| csv.column(c));
     let (nm, ideal, image, ri) = (nm?, ideal?, image?, ri?);
+    let cra = csv.has_column(CRA).then(|| csv.column(CRA)).transpose()?;
     let (mut bands, mut waves): (Vec<SparseBand>, Vec<f64>) = (Vec::new(), Vec::new());
     for r in 0..csv.rows.len() {
         let [nm, ideal, image, ri] = [nm, ideal, image, ri].map(|c| csv.number(r, c));
@@ -182,9 +186,24 @@ fn read_heights(path: &Path) -> Result<Vec<SparseBand>, ImportError> {
             band.distortion.1.push(image);
             band.illumination.0.push(ideal);
             band.illumination.1.push(ri);
+            if let Some(cra) = cra {
+                band.cra_deg.push(chief_ray_angle(&csv, r, cra)?);
+            }
         }
     }
     Ok(bands)
+}
+
+/// The chief-ray angle in row `r`, degrees.
+fn chief_ray_angle(csv: &Csv, r: usize, column: usize) -> Result<f64, ImportError> {
+    let degrees = csv.number(r, column)?;
+    match degrees.abs() <= MAX_CRA_DEG {
+        true => Ok(degrees),
+        false => {
+            let problem = format!("{CRA} is {degrees}, expected -{MAX_CRA_DEG} to {MAX_CRA_DEG}");
+            Err(ImportError::line(&csv.path, csv.rows[r].0, problem))
+        }
+    }
 }
 
 /// One window: file, index in its array, sample pitch.

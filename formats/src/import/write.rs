@@ -6,6 +6,7 @@ use super::options::{ImportOptions, MAX_COUNT};
 use super::window::{Layout, RowOrder, Window};
 use crate::lens::{LensPackWriter, PackAttributes};
 use pipeline::bounds;
+use pipeline::lens::cone::ConeTable;
 use pipeline::lens::{Lens, LensBand, PsfSample, PsfStack};
 use serde_json::{Value, json};
 use std::path::{Path, PathBuf};
@@ -22,6 +23,8 @@ pub(super) struct SparseBand {
     pub psf_height_mm: Vec<f64>,
     /// Share of all the light in every window; empty: unknown.
     pub psf_energy: Vec<f64>,
+    /// Chief-ray angle in air at every field point, degrees; empty: unknown.
+    pub cra_deg: Vec<f64>,
 }
 
 /// A lens as read from its source, without the PSF windows.
@@ -147,7 +150,8 @@ impl Imported {
                 let last = band.distortion.1.last().copied().unwrap_or(0.0);
                 (band.psf_height_mm, band.psf_energy) = (vec![0.0, last], Vec::new());
             }
-            let (dense, error) = dense_tables(band, solid_angle_sr, &given.path, options)?;
+            let (mut dense, error) = dense_tables(band, solid_angle_sr, &given.path, options)?;
+            dense.cones = cones(band, n);
             worst = worst.max(error);
             dense.check().map_err(|source| ImportError::Table { path: given.path.clone(), source })?;
             bands.push(dense);
@@ -218,6 +222,15 @@ fn given_points(band: &SparseBand) -> Value {
         "illumination_ideal_height_mm": band.illumination.0,
         "relative_illumination": band.illumination.1,
     })
+}
+
+/// The cones of chief-ray angles behind an exit pupil of the F-number of the lens.
+fn cones(band: &SparseBand, f_number: f64) -> Option<ConeTable> {
+    let rows: Vec<[f64; 3]> = std::iter::zip(&band.distortion.1, &band.cra_deg)
+        .map(|(height, cra)| [*height, *cra, f_number])
+        .collect();
+    let last = rows.last().filter(|_| rows.len() >= 2)?[0];
+    Some(ConeTable::of_chief_rays(&rows, last))
 }
 
 /// Dense tables, and the maximum difference of linear interpolation between their points from the spline, mm.

@@ -3,9 +3,13 @@
 //! | table | columns |
 //! |---|---|
 //! | response | `angle_deg` in air, ascending, 0 among or between them, and `response`; or `horizontal` and `vertical`: tilted along rows and along columns |
+//! | the same by wavelength | `response_450`, `response_550`, …; or `horizontal_450`, `vertical_450`, …: nm, in any order |
 //! | microlenses | `height_mm` from the axis, ascending from 0, and `cra_deg`, the chief-ray angle for which they are shifted |
 //! | plate | `wavelength_nm` and `transmittance` at normal incidence |
 
+use std::path::Path;
+
+use pipeline::bounds::WAVELENGTH_NM;
 use pipeline::real;
 use pipeline::sensor::Curve;
 use pipeline::sensor::angle::{
@@ -26,6 +30,8 @@ const INDEX: (f64, f64) = (1.0, 4.0);
 const EXPONENTS: [u32; 4] = [2, 4, 6, 8];
 /// Largest response in a table.
 const MAX_RESPONSE: f64 = 1e6;
+/// Columns of responses.
+const RESPONSES: [&str; 3] = ["response", "horizontal", "vertical"];
 
 /// `angle` with the content of its tables.
 #[derive(Clone, Debug, Deserialize, Serialize)]
@@ -50,6 +56,7 @@ enum AcceptanceFile {
     Model { acceptance_deg: f64, exponent: u32 },
     Radial { angle_deg: Vec<f64>, response: Vec<f64> },
     Separable { angle_deg: Vec<f64>, horizontal: Vec<f64>, vertical: Vec<f64> },
+    Spectral { wavelength_nm: Vec<f64>, tables: Vec<Self> },
 }
 
 /// `plate` with the content of its table.
@@ -109,43 +116,12 @@ impl AngleFile {
                 return wrong("angle.microlenses", "chief-ray angles of -85 to 85 degrees", bad.to_string());
             }
         }
-        for channel in &self.channels {
-            match channel {
-                AcceptanceFile::Model { acceptance_deg, exponent } => {
-                    if !(*acceptance_deg > 0.0 && *acceptance_deg <= MAX_DEG) {
-                        let expected = "above 0, at most 85 degrees";
-                        return wrong("angle.acceptance_deg", expected, acceptance_deg.to_string());
-                    }
-                    if !EXPONENTS.contains(exponent) {
-                        return wrong("angle.exponent", "2, 4, 6 or 8", exponent.to_string());
-                    }
-                }
-                AcceptanceFile::Radial { angle_deg, response } => check_table(angle_deg, &[response])?,
-                AcceptanceFile::Separable { angle_deg, horizontal, vertical } => {
-                    check_table(angle_deg, &[horizontal, vertical])?;
-                }
-            }
-        }
-        Ok(())
+        self.channels.iter().try_for_each(AcceptanceFile::check)
     }
 
     /// The response of the pipeline's sensor.
     pub(super) fn response(&self) -> AngularResponse {
         let n = self.stack_index;
-        let sine = |deg: f64| real::sin(radians(deg));
-        let sines = |deg: &[f64]| deg.iter().map(|deg| sine(*deg)).collect::<Vec<f64>>();
-        let of = |channel: &AcceptanceFile| match channel {
-            AcceptanceFile::Model { acceptance_deg, exponent } => {
-                Acceptance::Model { half_slope: slope(sine(*acceptance_deg), n), half_exponent: exponent / 2 }
-            }
-            AcceptanceFile::Radial { angle_deg, response } => {
-                Acceptance::Radial(SlopeTable::new(&sines(angle_deg), response, n))
-            }
-            AcceptanceFile::Separable { angle_deg, horizontal, vertical } => {
-                let table = |values: &[f64]| SlopeTable::new(&sines(angle_deg), values, n);
-                Acceptance::Separable { horizontal: table(horizontal), vertical: table(vertical) }
-            }
-        };
         AngularResponse {
             stack_index: n,
             microlenses: match &self.microlenses {
@@ -156,7 +132,70 @@ impl AngleFile {
                     Microlenses::Table(height_mm.iter().copied().zip(sines).collect())
                 }
             },
-            channels: self.channels.iter().map(of).collect(),
+            channels: self.channels.iter().map(|channel| channel.response(n)).collect(),
+        }
+    }
+}
+
+fn sine(deg: f64) -> f64 {
+    real::sin(radians(deg))
+}
+
+impl AcceptanceFile {
+    /// As [`AngleFile::check`].
+    fn check(&self) -> Result<(), (String, String, String)> {
+        let wrong =
+            |field: &str, expected: &str, found: String| Err((field.to_owned(), expected.to_owned(), found));
+        match self {
+            Self::Model { acceptance_deg, exponent } => {
+                if !(*acceptance_deg > 0.0 && *acceptance_deg <= MAX_DEG) {
+                    let expected = "above 0, at most 85 degrees";
+                    return wrong("angle.acceptance_deg", expected, acceptance_deg.to_string());
+                }
+                match EXPONENTS.contains(exponent) {
+                    true => Ok(()),
+                    false => wrong("angle.exponent", "2, 4, 6 or 8", exponent.to_string()),
+                }
+            }
+            Self::Radial { angle_deg, response } => check_table(angle_deg, &[response]),
+            Self::Separable { angle_deg, horizontal, vertical } => {
+                check_table(angle_deg, &[horizontal, vertical])
+            }
+            Self::Spectral { wavelength_nm, tables } => {
+                let ascends = !wavelength_nm.is_empty() && wavelength_nm.is_sorted_by(|a, b| a < b);
+                let is_table = |of: &Self| matches!(of, Self::Radial { .. } | Self::Separable { .. });
+                if !ascends || tables.len() != wavelength_nm.len() || !tables.iter().all(is_table) {
+                    return wrong(
+                        "angle.file",
+                        "a table at each of ascending wavelengths",
+                        "other ones".into(),
+                    );
+                }
+                tables.iter().try_for_each(Self::check)
+            }
+        }
+    }
+
+    /// The response in layers of the index `stack_index`.
+    fn response(&self, stack_index: f64) -> Acceptance {
+        let table = |angle_deg: &[f64], values: &[f64]| {
+            let sines: Vec<f64> = angle_deg.iter().map(|deg| sine(*deg)).collect();
+            SlopeTable::new(&sines, values, stack_index)
+        };
+        match self {
+            Self::Model { acceptance_deg, exponent } => Acceptance::Model {
+                half_slope: slope(sine(*acceptance_deg), stack_index),
+                half_exponent: exponent / 2,
+            },
+            Self::Radial { angle_deg, response } => Acceptance::Radial(table(angle_deg, response)),
+            Self::Separable { angle_deg, horizontal, vertical } => Acceptance::Separable {
+                horizontal: table(angle_deg, horizontal),
+                vertical: table(angle_deg, vertical),
+            },
+            Self::Spectral { wavelength_nm, tables } => Acceptance::Spectral {
+                wavelengths_nm: wavelength_nm.clone(),
+                responses: tables.iter().map(|of| of.response(stack_index)).collect(),
+            },
         }
     }
 }
@@ -212,12 +251,46 @@ fn acceptance(
     };
     let (path, text) = curves.table(&format!("{field}.file"), file)?;
     let head = text.lines().find(|line| !line.trim().is_empty()).unwrap_or_default();
-    if names_of(head).contains(&"response") {
-        let rows = table::columns(&path, &text, ["angle_deg", "response"])?;
+    let names = names_of(head);
+    let read = |wavelength: &str| acceptance_table(&path, &text, &names, wavelength);
+    let mut spectral: Vec<(f64, &str)> = names.iter().filter_map(|name| wavelength_of(name)).collect();
+    if spectral.is_empty() {
+        return read("");
+    }
+    spectral.sort_by(|a, b| a.0.total_cmp(&b.0));
+    spectral.dedup();
+    for (nm, column) in &spectral {
+        WAVELENGTH_NM.check(*nm).map_err(|e| SensorError::Table {
+            path: path.clone(),
+            problem: format!("columns of {column}: {e}"),
+        })?;
+    }
+    Ok(AcceptanceFile::Spectral {
+        wavelength_nm: spectral.iter().map(|(nm, _)| *nm).collect(),
+        tables: spectral.iter().map(|(_, text)| read(text)).collect::<Result<_, _>>()?,
+    })
+}
+
+/// The wavelength in the name of a column of a response, nm, and as it is written there: of `response_450` 450 and `_450`.
+fn wavelength_of(name: &str) -> Option<(f64, &str)> {
+    let rest = RESPONSES.iter().find_map(|column| name.strip_prefix(column))?;
+    Some((rest.strip_prefix('_')?.parse().ok()?, rest))
+}
+
+/// Angles and responses of the columns whose names end in `wavelength`.
+fn acceptance_table(
+    path: &Path,
+    text: &str,
+    names: &[&str],
+    wavelength: &str,
+) -> Result<AcceptanceFile, SensorError> {
+    let [response, horizontal, vertical] = RESPONSES.map(|column| format!("{column}{wavelength}"));
+    if names.contains(&&*response) {
+        let rows = table::columns(path, text, ["angle_deg", &response])?;
         let (angle_deg, response) = rows.iter().map(|(_, [angle, v])| (*angle, *v)).unzip();
         return Ok(AcceptanceFile::Radial { angle_deg, response });
     }
-    let rows = table::columns(&path, &text, ["angle_deg", "horizontal", "vertical"])?;
+    let rows = table::columns(path, text, ["angle_deg", &horizontal, &vertical])?;
     let column = |k: usize| rows.iter().map(|(_, row)| row[k]).collect();
     Ok(AcceptanceFile::Separable { angle_deg: column(0), horizontal: column(1), vertical: column(2) })
 }

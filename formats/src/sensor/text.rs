@@ -212,6 +212,8 @@ pub(super) struct PlateText {
     pub file: String,
     pub kind: PlateWord,
     pub index: f64,
+    #[serde(default, skip_serializing_if = "std::ops::Not::not")]
+    pub besides_lens: bool,
 }
 
 #[derive(Clone, Copy, Debug, Deserialize, Serialize)]

@@ -12,7 +12,11 @@
 //! Between heights: cubic polynomials through four of them; c and the chief ray are odd in the height, a and b even.
 //! Left out: surfaces of the pupil that a central obscuration hides, radiance that differs over the pupil.
 
+use crate::real;
 use crate::spline::lagrange_weights;
+
+/// Heights of a table of chief rays between which its cones are interpolated.
+const CHIEF_RAYS: usize = 257;
 
 /// The directions of the light at a place of the film, as direction cosines in air.
 #[derive(Clone, Copy, Debug, PartialEq)]
@@ -55,6 +59,31 @@ impl ConeTable {
     pub fn new(step_mm: f64, cones: Vec<Cone>) -> Self {
         assert!(cones.len() >= 3 && step_mm > 0.0);
         Self { step_mm, cones }
+    }
+
+    /// Of rows of height (mm, from 0 on, ascending), chief-ray angle in air (degrees, positive away from the axis) and F-number N of the exit pupil, a circle, up to `last_mm`; linear between rows.
+    ///
+    /// ```text
+    /// centre sin θ, half axes  a = cos³θ/(2N) along the meridian,  b = cos θ/(2N) across
+    /// ```
+    ///
+    /// # Panics
+    /// Fewer than two rows.
+    pub fn of_chief_rays(rows: &[[f64; 3]], last_mm: f64) -> Self {
+        let end_mm = rows[rows.len() - 1][0];
+        let step_mm = last_mm / (CHIEF_RAYS - 1) as f64;
+        let at = |k: usize| {
+            let height = (step_mm * k as f64).min(end_mm);
+            let i = rows.partition_point(|row| row[0] <= height).clamp(1, rows.len() - 1);
+            let (a, b) = (rows[i - 1], rows[i]);
+            let t = (height - a[0]) / (b[0] - a[0]);
+            let [_, cra_deg, f_number] = std::array::from_fn(|c| a[c] + t * (b[c] - a[c]));
+            let (sine, cosine) = (real::sin(cra_deg.to_radians()), real::cos(cra_deg.to_radians()));
+            let half = 0.5 / f_number;
+            let (tangential, sagittal) = (half * cosine * cosine * cosine, half * cosine);
+            Cone { chief: sine, centre: sine, tangential, sagittal }
+        };
+        Self::new(step_mm, (0..CHIEF_RAYS).map(at).collect())
     }
 
     /// Height of the last, mm.

@@ -11,6 +11,7 @@
 //! ```text
 //! model:     S = 2^−(|v| / v_½)^k                  v_½: slope at the angle of half response, k: 2 (Gaussian), 4, 6 or 8
 //! table:     S(|v|), or H(v_right) V(v_down)       linear in the slope between measured angles, the last value beyond, divided by the value at 0
+//! spectral:  S(v; λ)                               such tables at some wavelengths, linear between them, the first and the last beyond
 //! ```
 //! A plate of index n_p with transmittance T(λ) at normal incidence has at the sine s of the angle
 //!
@@ -20,7 +21,7 @@
 //! ```
 //! A pixel's signal is the mean over its cone of directions ([`crate::lens::cone`]) of S times the response behind the plates.
 //! Sources: P. B. Catrysse, X. Liu and A. El Gamal, Proc. SPIE 3965, 420 (2000), pixel vignetting; H. A. Macleod, Thin-Film Optical Filters, effective index.
-//! Left out: S that depends on wavelength other than by filter, light that lands in a neighbour, polarisation, reflections between plates.
+//! Left out: light that lands in a neighbour, polarisation, reflections between plates.
 
 use super::curve::Curve;
 use super::quantile::{exp, ln};
@@ -69,6 +70,13 @@ pub enum Acceptance {
         /// Over slopes down.
         vertical: SlopeTable,
     },
+    /// Such responses at some wavelengths.
+    Spectral {
+        /// The wavelengths, ascending, nm.
+        wavelengths_nm: Vec<f64>,
+        /// The response at each.
+        responses: Vec<Self>,
+    },
 }
 
 /// A response over slopes, 1 at 0.
@@ -105,8 +113,41 @@ pub fn slope(sine: f64, index: f64) -> f64 {
 }
 
 impl Acceptance {
-    /// The response at slopes to the right and down, 1 at 0.
-    pub fn at(&self, [right, down]: [f64; 2]) -> f64 {
+    /// The response at a wavelength and slopes to the right and down, 1 at 0.
+    pub fn at_nm(&self, nm: f64, slope: [f64; 2]) -> f64 {
+        let shares = (0..).map(|part| self.share(part, nm));
+        std::iter::zip(self.parts(), shares).map(|(part, share)| share * part.at(slope)).sum()
+    }
+
+    /// Its responses, of which it has [`Acceptance::share`] at a wavelength: itself where it is the same at all.
+    pub fn parts(&self) -> &[Self] {
+        match self {
+            Self::Spectral { responses, .. } => responses,
+            alike => std::slice::from_ref(alike),
+        }
+    }
+
+    /// Share of its response `part` at a wavelength.
+    pub fn share(&self, part: usize, nm: f64) -> f64 {
+        let (x, last) = (self.nodes_nm(), self.parts().len() - 1);
+        let to = |other: usize| ((nm - x[other]) / (x[part] - x[other])).max(0.0);
+        match x.get(part) {
+            Some(own) if nm < *own && part > 0 => to(part - 1),
+            Some(own) if nm > *own && part < last => to(part + 1),
+            _ => 1.0,
+        }
+    }
+
+    /// Wavelengths between which the shares are linear, nm.
+    pub fn nodes_nm(&self) -> &[f64] {
+        match self {
+            Self::Spectral { wavelengths_nm, .. } => wavelengths_nm,
+            _ => &[],
+        }
+    }
+
+    /// The response at slopes to the right and down, 1 at 0; of a spectral one that at its shortest wavelength.
+    pub(super) fn at(&self, [right, down]: [f64; 2]) -> f64 {
         let square = right * right + down * down;
         match self {
             Self::Model { half_slope, half_exponent } => {
@@ -116,6 +157,27 @@ impl Acceptance {
             }
             Self::Radial(table) => table.at(square.sqrt()),
             Self::Separable { horizontal, vertical } => horizontal.at(right) * vertical.at(down),
+            Self::Spectral { responses, .. } => responses[0].at([right, down]),
+        }
+    }
+
+    /// Adds all numbers that determine it.
+    fn add_numbers(&self, numbers: &mut Vec<f64>) {
+        let mut tables = |kind: f64, tables: &[&SlopeTable]| {
+            numbers.push(kind);
+            numbers.extend(tables.iter().flat_map(|table| table.slopes.iter().chain(&table.values)));
+        };
+        match self {
+            Self::Model { half_slope, half_exponent } => {
+                numbers.extend([*half_slope, f64::from(*half_exponent)])
+            }
+            Self::Radial(table) => tables(-1.0, &[table]),
+            Self::Separable { horizontal, vertical } => tables(-2.0, &[horizontal, vertical]),
+            Self::Spectral { wavelengths_nm, responses } => {
+                numbers.extend([-3.0, responses.len() as f64]);
+                numbers.extend(wavelengths_nm);
+                responses.iter().for_each(|response| response.add_numbers(numbers));
+            }
         }
     }
 }
@@ -132,20 +194,7 @@ impl AngularResponse {
                 numbers.extend(rows.iter().flat_map(|(height_mm, sine)| [*height_mm, *sine]));
             }
         }
-        let mut add = |kind: f64, tables: &[&SlopeTable]| {
-            numbers.push(kind);
-            numbers.extend(tables.iter().flat_map(|table| table.slopes.iter().chain(&table.values)));
-        };
-        for channel in &self.channels {
-            match channel {
-                Acceptance::Model { half_slope, half_exponent } => {
-                    add(*half_slope, &[]);
-                    add(f64::from(*half_exponent), &[]);
-                }
-                Acceptance::Radial(table) => add(-1.0, &[table]),
-                Acceptance::Separable { horizontal, vertical } => add(-2.0, &[horizontal, vertical]),
-            }
-        }
+        self.channels.iter().for_each(|channel| channel.add_numbers(&mut numbers));
         numbers
     }
 
@@ -335,6 +384,19 @@ mod tests {
         let table = AngularResponse { microlenses: table, ..response };
         assert_eq!(table.shift(2.0, 0.9), slope(0.1, 1.6));
         assert_eq!(table.shift(9.0, 0.9), slope(0.3, 1.6));
+    }
+
+    #[test]
+    fn a_spectral_response_is_linear_between_its_wavelengths_and_constant_beyond() {
+        let radial = |at_half: f64| Acceptance::Radial(SlopeTable::new(&[0.0, 0.5], &[1.0, at_half], 1.0));
+        let responses = vec![radial(0.2), radial(0.4), radial(1.0)];
+        let of = Acceptance::Spectral { wavelengths_nm: vec![450.0, 550.0, 600.0], responses };
+        let at = slope(0.5, 1.0);
+        for (nm, expected) in [(400.0, 0.2), (475.0, 0.25), (550.0, 0.4), (590.0, 0.88), (700.0, 1.0)] {
+            let found = of.at_nm(nm, [0.0, at]);
+            assert!((found - expected).abs() < 1e-15, "{nm} nm: {found}");
+            assert!(((0..3).map(|part| of.share(part, nm)).sum::<f64>() - 1.0).abs() < 1e-15);
+        }
     }
 
     #[test]

@@ -3,11 +3,12 @@
 //! ```text
 //! W_cb(x, y) = Σ_i q_i S_c(p_i) w_cb(s_i)          p_i, q_i: directions of the cone at (x, y) in the band's wavelength and their shares; s_i = |p_i|
 //! ```
+//! A response that depends on wavelength is Σ_j L_cj(λ) S_cj(p), L_cj linear in λ: each S_cj has its own w, with L_cj under the integral.
 //! w_cb(s) at 65 squares of the sine, cubic polynomials between. W at the nodes of a grid over the whole sensor, 48 cells along its longer side, and at a pixel's middle cubic polynomials of W less its value for
 //! perpendicular light along both axes: so a response that is 1 everywhere leaves the weights bit for bit. A pixel's weight depends on its place on the sensor, not on windows, blocks and threads.
 
 use super::Sensor;
-use super::angle::{AngularResponse, disc, in_cone};
+use super::angle::{Acceptance, AngularResponse, disc, in_cone};
 use crate::geometry::Size;
 use crate::lens::cone::ConeTable;
 use crate::parts::for_each_part;
@@ -70,7 +71,7 @@ impl FieldWeights {
         let done: Result<(), Infallible> = for_each_part(
             threads,
             found.chunks_exact_mut(columns * channels * bands).enumerate(),
-            || vec![0.0; channels],
+            || vec![Vec::new(); channels],
             |responses, (row, out)| {
                 for (column, out) in out.chunks_exact_mut(channels * bands).enumerate() {
                     let mm = |node: usize, cells: usize, n: usize, centre: f64| {
@@ -91,14 +92,6 @@ impl FieldWeights {
         };
         let differences = (0..channels).map(|c| (0..bands).map(|b| of(c, b)).collect()).collect();
         Self { size, cells, differences }
-    }
-
-    /// Times `factors`, by channel and band.
-    pub(super) fn times(&self, factors: &[Vec<f64>]) -> Self {
-        let of = |(nodes, factor): (&Vec<f64>, &f64)| nodes.iter().map(|v| v * factor).collect();
-        let channel =
-            |(bands, factors): (&Vec<Vec<f64>>, &Vec<f64>)| bands.iter().zip(factors).map(of).collect();
-        Self { differences: self.differences.iter().zip(factors).map(channel).collect(), ..self.clone() }
     }
 
     /// First node and weights of the four along the rows of a sensor for each of `columns`.
@@ -151,12 +144,20 @@ fn around(u: f64, cells: usize) -> (usize, [f64; 4]) {
     (cell as usize - 1, lagrange_weights(u - cell))
 }
 
+/// What a part of a response weighs.
+struct PartWeights {
+    /// Its number among [`Acceptance::parts`].
+    part: usize,
+    /// At the squares of the sine; one value without plates.
+    values: Vec<f64>,
+}
+
 /// Weights by the square of the sine.
 struct SineWeights {
     /// The largest square.
     last: f64,
-    /// By channel and band: at the squares; one value without plates.
-    values: Vec<Vec<Vec<f64>>>,
+    /// By channel and band: the parts of the response that have a share there.
+    parts: Vec<Vec<Vec<PartWeights>>>,
     /// The first channel with the response of each.
     alike: Vec<usize>,
 }
@@ -177,17 +178,32 @@ impl SineWeights {
         // A little more, for the heights between.
         let last = (sine * sine * 1.01).clamp(1e-6, 1.0);
         let count = if sensor.plates.is_empty() { 1 } else { SINES };
+        let bands = (bands_nm, scales);
         let of_channel = |channel: usize| {
-            let at = |k: usize| {
-                let square = if count == 1 { 0.0 } else { last * k as f64 / (count - 1) as f64 };
-                sensor.electron_weights(channel, (bands_nm, scales), square)
+            let response = sensor.angle.as_ref().map(|angle| &angle.channels[channel]);
+            let square = |k: usize| if count == 1 { 0.0 } else { last * k as f64 / (count - 1) as f64 };
+            let nodes_nm = response.map(Acceptance::nodes_nm).unwrap_or_default();
+            let at = |part: usize, k: usize| match response.filter(|_| !nodes_nm.is_empty()) {
+                None => sensor.electron_weights(channel, bands, square(k)),
+                Some(of) => {
+                    let share = |nm: f64| of.share(part, nm);
+                    sensor.electron_weights_times(channel, bands, square(k), (nodes_nm, share))
+                }
             };
-            let all: Vec<Vec<f64>> = (0..count).map(at).collect();
-            (0..bands_nm.len()).map(|band| all.iter().map(|of| of[band]).collect()).collect()
+            let parts = response.map_or(1, |of| of.parts().len());
+            let all: Vec<Vec<Vec<f64>>> =
+                (0..parts).map(|part| (0..count).map(|k| at(part, k)).collect()).collect();
+            let of_part =
+                |part: usize, band: usize| -> Vec<f64> { all[part].iter().map(|of| of[band]).collect() };
+            let of_band = |band: usize| {
+                let of = (0..parts).map(|part| PartWeights { part, values: of_part(part, band) });
+                of.filter(|of| parts == 1 || of.values.iter().any(|v| *v != 0.0)).collect()
+            };
+            (0..bands_nm.len()).map(of_band).collect()
         };
         Self {
             last,
-            values: (0..sensor.channels.len()).map(of_channel).collect(),
+            parts: (0..sensor.channels.len()).map(of_channel).collect(),
             alike: sensor.angle.as_ref().map_or_else(Vec::new, AngularResponse::first_alike),
         }
     }
@@ -204,7 +220,7 @@ impl SineWeights {
         (band, cones): (usize, &ConeTable),
         (x, y): (f64, f64),
         nodes: &[([f64; 2], f64)],
-        responses: &mut [f64],
+        responses: &mut [Vec<f64>],
         out: &mut [f64],
     ) {
         let height_mm = (x * x + y * y).sqrt();
@@ -218,17 +234,24 @@ impl SineWeights {
                 Some(angle) => {
                     let slope = angle.slope_of(direction, (height_mm, away), cone.chief);
                     for (c, alike) in self.alike.iter().enumerate() {
-                        responses[c] =
-                            if *alike < c { responses[*alike] } else { angle.channels[c].at(slope) };
+                        let (before, own) = responses.split_at_mut(c);
+                        own[0].clear();
+                        match before.get(*alike) {
+                            Some(same) => own[0].extend_from_slice(same),
+                            None => {
+                                own[0].extend(angle.channels[c].parts().iter().map(|part| part.at(slope)))
+                            }
+                        }
                     }
                 }
-                None => responses.fill(1.0),
+                None => responses.fill(vec![1.0]),
             }
             let taps = (!sensor.plates.is_empty()).then(|| self.taps(l * l + m * m));
-            for (channel, response) in responses.iter().enumerate() {
-                let values = &self.values[channel][band];
-                let weight = taps.as_ref().map_or(values[0], |taps| interpolated(values, taps));
-                out[channel * bands + band] += share * (response * weight - values[0]);
+            for (channel, responses) in responses.iter().enumerate() {
+                for PartWeights { part, values } in &self.parts[channel][band] {
+                    let weight = taps.as_ref().map_or(values[0], |taps| interpolated(values, taps));
+                    out[channel * bands + band] += share * (responses[*part] * weight - values[0]);
+                }
             }
         }
     }

@@ -93,6 +93,18 @@ impl Sensor {
         std::iter::zip(weights, factors).map(|(w, f)| w * self.area_m2() * f).collect()
     }
 
+    /// [`Sensor::electron_weights`] with a factor `f` under the integral, linear between the wavelengths `nodes_nm` (exact behind at most one filter or plate).
+    pub(super) fn electron_weights_times(
+        &self,
+        channel: usize,
+        (bands_nm, factors): (&[f64], &[f64]),
+        sine_square: f64,
+        linear: (&[f64], impl Fn(f64) -> f64),
+    ) -> Vec<f64> {
+        let weights = self.weights_times((channel, sine_square), bands_nm, linear);
+        std::iter::zip(weights, factors).map(|(w, f)| w * self.area_m2() * f).collect()
+    }
+
     /// [`Sensor::band_weights`] behind plates at the square of the sine of the angle of incidence.
     fn band_weights_at(&self, channel: usize, bands_nm: &[f64], sine_square: f64) -> Vec<f64> {
         self.weights_of((channel, sine_square), self.nodes_at(channel, sine_square), bands_nm, |_| 1.0)
@@ -103,13 +115,22 @@ impl Sensor {
         &self,
         channel: usize,
         bands_nm: &[f64],
+        linear: (&[f64], impl Fn(f64) -> f64),
+    ) -> Vec<f64> {
+        self.weights_times((channel, 0.0), bands_nm, linear)
+    }
+
+    fn weights_times(
+        &self,
+        (channel, sine_square): (usize, f64),
+        bands_nm: &[f64],
         (nodes_nm, f): (&[f64], impl Fn(f64) -> f64),
     ) -> Vec<f64> {
-        let mut nodes = self.nodes_at(channel, 0.0);
+        let mut nodes = self.nodes_at(channel, sine_square);
         nodes.extend_from_slice(nodes_nm);
         nodes.sort_by(f64::total_cmp);
         nodes.dedup();
-        self.weights_of((channel, 0.0), nodes, bands_nm, f)
+        self.weights_of((channel, sine_square), nodes, bands_nm, f)
     }
 
     /// ∫ hat_b · response · f for each band, response at a channel and the square of a sine.

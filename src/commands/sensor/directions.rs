@@ -1,10 +1,4 @@
-//! The directions of the light of a film, for sensors whose response depends on them: of its lens, or from a table.
-//!
-//! A table (`--chief-ray-angles`) has for heights h (mm from the axis) the angle θ of the chief ray in air, positive away from the axis, and the F-number N of the exit pupil, a circle:
-//!
-//! ```text
-//! centre sin θ, half axes  a = cos³θ/(2N) along the meridian,  b = cos θ/(2N) across        (direction cosines; [`pipeline::lens::cone`])
-//! ```
+//! The directions of the light of a film, for sensors whose response depends on them: of its lens, or from a table (`--chief-ray-angles`; [`ConeTable::of_chief_rays`]).
 
 use super::film::Film;
 use super::geometry::Geometry;
@@ -15,21 +9,20 @@ use crate::film::{digest, reported};
 use crate::job::lens::UntracedLens;
 use crate::job::recorded_lens::RecordedLens;
 use anyhow::{Context, Result};
-use formats::sensor::chief_ray_angles;
+use formats::sensor::{SensorFile, chief_ray_angles};
 use pipeline::bounds;
 use pipeline::design::image_cone::image_cones;
 use pipeline::geometry::Size;
-use pipeline::lens::cone::{Cone, ConeTable};
+use pipeline::lens::cone::ConeTable;
 use pipeline::real;
 use pipeline::sensor::Sensor;
-use pipeline::sensor::angle::radians;
 use pipeline::sensor::field_weights::{FieldWeights, Placement};
 use pipeline::sensor::response_map::ResponseMap;
 use serde_json::{Value, json};
 use std::path::Path;
 use std::sync::{Arc, OnceLock};
 
-/// Heights of a table between which its cones are linear.
+/// Heights at which a cone is looked at.
 const HEIGHTS: usize = 257;
 /// Reach beyond the corners, relative: rounding.
 const BEYOND: f64 = 1e-6;
@@ -48,11 +41,11 @@ impl Directions {
     /// Those of `film` on the sensor at `geometry`; `None` if it does not depend on them.
     ///
     /// # Errors
-    /// Usage: flags for a sensor that does not depend on angles; a lens without them. The lens cannot be traced; the table cannot be read.
+    /// Usage: flags for a sensor that does not depend on angles; a lens without them, or with the sensor's plates. The lens cannot be traced; the table cannot be read.
     pub fn of_film(
         film: &Film,
         args: &ExposeArgs,
-        sensor: &Sensor,
+        (file, sensor): (&SensorFile, &Sensor),
         geometry: &Geometry,
     ) -> Result<Option<Self>> {
         if !sensor.depends_on_angles() {
@@ -75,6 +68,11 @@ impl Directions {
             Some(path) => vec![of_table(path, reach_mm)?; film.wavelengths_nm.len()],
             None => of_lens(film, args, reach_mm)?,
         };
+        // Of ideal coatings, without this record, the light has lost nothing.
+        if file.may_repeat_plates() && film.has_coatings {
+            let recorded = recorded_lens(args)?;
+            check_plates((file, sensor), &recorded.open()?, &recorded.name)?;
+        }
         let at = |k: usize| reach_mm * k as f64 / (HEIGHTS - 1) as f64;
         let beyond = |k: &usize| cones.iter().any(|table| table.at(at(*k)).largest_sine() >= 1.0);
         if let Some(k) = (0..HEIGHTS).find(beyond) {
@@ -114,11 +112,12 @@ impl Directions {
     }
 }
 
-/// Fails for a sensor that depends on angles where the lens `name` of a film that will be made gives none.
+/// Fails for a sensor that depends on angles where the lens `name` of a film that will be made gives none, or has the sensor's plates.
 ///
 /// # Errors
 /// Usage.
-pub fn check_lens(sensor: &Sensor, lens: &UntracedLens, name: &str) -> Result<()> {
+pub fn check_lens((file, sensor): (&SensorFile, &Sensor), lens: &UntracedLens, name: &str) -> Result<()> {
+    check_plates((file, sensor), lens, name)?;
     let what = match lens {
         _ if !sensor.depends_on_angles() => return Ok(()),
         UntracedLens::Pack(pack) if pack.lens().bands.iter().any(|band| band.cones.is_none()) => "lens pack",
@@ -131,14 +130,38 @@ pub fn check_lens(sensor: &Sensor, lens: &UntracedLens, name: &str) -> Result<()
     )))
 }
 
+/// Fails for a design whose plates take from the light what those of the sensor would.
+///
+/// # Errors
+/// Usage.
+fn check_plates((file, sensor): (&SensorFile, &Sensor), lens: &UntracedLens, name: &str) -> Result<()> {
+    let UntracedLens::Design(design) = lens else { return Ok(()) };
+    let system = &design.system;
+    let is_lossy = system.surfaces.iter().any(|surface| surface.coating.is_some());
+    match system.image_plates().first().filter(|_| is_lossy && file.may_repeat_plates()) {
+        None => Ok(()),
+        Some(surface) => Err(usage(format!(
+            "sensor {} has a plate in front of its pixels, and the film loses the light that the plate of lens {name} takes (its surface {}): the same plate would count twice. Remove \
+             `plate` from the sensor's description, or write `besides_lens = true` in it where both are there",
+            sensor.name,
+            surface + 1
+        ))),
+    }
+}
+
+/// The lens that the film of `args` records.
+fn recorded_lens(args: &ExposeArgs) -> Result<RecordedLens> {
+    let (path, _) = split_group(args.film.as_deref().unwrap_or_default());
+    RecordedLens::new(&reported::film(Path::new(path))?, args.lens.as_deref())
+}
+
 /// All numbers of a table.
 fn numbers(cones: &ConeTable) -> Vec<f64> {
     std::iter::once(cones.step_mm()).chain(cones.directions().flatten()).collect()
 }
 
 fn of_lens(film: &Film, args: &ExposeArgs, reach_mm: f64) -> Result<Vec<ConeTable>> {
-    let (path, _) = split_group(args.film.as_deref().unwrap_or_default());
-    let recorded = RecordedLens::new(&reported::film(Path::new(path))?, args.lens.as_deref())?;
+    let recorded = recorded_lens(args)?;
     let other = |what: &str| {
         usage(format!(
             "{what} {} gives no directions of light at the film, which the sensor depends on: give them by --chief-ray-angles FILE.csv \
@@ -186,21 +209,5 @@ fn of_table(path: &Path, reach_mm: f64) -> Result<ConeTable> {
             path.display()
         )));
     }
-    let step_mm = reach_mm / (HEIGHTS - 1) as f64;
-    let at = |k: usize| {
-        let height = (step_mm * k as f64).min(last);
-        let i = rows.partition_point(|row| row[0] <= height).clamp(1, rows.len() - 1);
-        let (a, b) = (rows[i - 1], rows[i]);
-        let t = (height - a[0]) / (b[0] - a[0]);
-        let [_, cra_deg, f_number] = std::array::from_fn(|c| a[c] + t * (b[c] - a[c]));
-        let (sine, cosine) = (real::sin(radians(cra_deg)), real::cos(radians(cra_deg)));
-        let half = 0.5 / f_number;
-        Cone {
-            chief: sine,
-            centre: sine,
-            tangential: half * cosine * cosine * cosine,
-            sagittal: half * cosine,
-        }
-    };
-    Ok(ConeTable::new(step_mm, (0..HEIGHTS).map(at).collect()))
+    Ok(ConeTable::of_chief_rays(&rows, reach_mm))
 }

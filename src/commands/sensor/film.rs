@@ -55,6 +55,10 @@ pub struct Film {
     pub units: String,
     /// Name of the light whose white its chart has, if it is recorded.
     pub light: Option<String>,
+    /// Whether it has light of scatter, glare or ghosts.
+    has_veil: bool,
+    /// Whether its light was followed through coatings.
+    pub has_coatings: bool,
     /// What distinguishes its pixels from another film's.
     pub identity: Value,
     /// (rows, columns) of what is decoded at once.
@@ -111,6 +115,8 @@ impl Film {
             relative: factors.is_none(),
             factors: factors.unwrap_or_else(|| vec![1.0; wavelengths_nm.len()]),
             units: film.units.clone(),
+            has_coatings: !provenance("source")["coatings"].is_null(),
+            has_veil: film.layers.iter().any(|layer| layer.name == "veil"),
             light: provenance("light").as_str().map(str::to_owned),
             identity: json!({
                 "job_digest": provenance("job_digest"),
@@ -121,6 +127,13 @@ impl Film {
             chunk: (rows, columns),
             bands: Bands { store: array, order },
             wavelengths_nm,
+        })
+    }
+
+    /// What is said of its veil where the directions of the light count.
+    pub fn veil_note(&self) -> Option<String> {
+        self.has_veil.then(|| {
+            "the film's veil (scatter, glare or ghosts) is taken to come from the directions of the image at its place".into()
         })
     }
 

@@ -104,8 +104,9 @@ impl RawJob {
         let mut notes = warnings::of_spectrum(&sensor, &opened.wavelengths_nm, &opened.path)?;
         notes.extend(geometry.warning());
         notes.extend(warnings::of_crosstalk(&sensor, &opened.wavelengths_nm));
-        let directions = Directions::of_film(&opened, args, &sensor, &geometry)?;
+        let directions = Directions::of_film(&opened, args, (&file, &sensor), &geometry)?;
         notes.extend(directions.iter().map(Directions::note));
+        notes.extend(directions.as_ref().and_then(|_| opened.veil_note()));
         let motion = CameraMotion::of_film(args, &times, &sensor, (&opened.plane, &geometry))?;
         notes.extend(motion.iter().map(CameraMotion::note));
         let relative = opened.relative;
@@ -310,10 +311,11 @@ impl RawJob {
 ///
 /// # Errors
 /// Usage, as [`RawJob::new`] once the film is there; the sensor cannot be read.
-pub fn check_before_film(args: &ExposeArgs, path: &Path, film: &FilmSpec) -> Result<Sensor> {
+pub fn check_before_film(args: &ExposeArgs, path: &Path, film: &FilmSpec) -> Result<(SensorFile, Sensor)> {
     let times = Times::parse(args.exposure.as_deref().unwrap_or_default())?;
     let plane = FilmPlane::new(film, 0);
-    let sensor = open_sensor(args.sensor.as_deref().unwrap_or_default(), &args.set)?.sensor(plane.pitch_um);
+    let file = open_sensor(args.sensor.as_deref().unwrap_or_default(), &args.set)?;
+    let sensor = file.sensor(plane.pitch_um);
     // `lenscube sensor` names its own flags for it.
     check_pitch(&sensor, plane.pitch_um, "give `", "")?;
     Geometry::new(&sensor, &plane, args)?;
@@ -326,7 +328,7 @@ pub fn check_before_film(args: &ExposeArgs, path: &Path, film: &FilmSpec) -> Res
         &format!("the film ({})", film.units),
     )?;
     gain(args, &sensor)?;
-    Ok(sensor)
+    Ok((file, sensor))
 }
 
 /// Whether times and a relative film go together.

@@ -129,14 +129,14 @@ fn angles(s: &Sensor) -> Vec<String> {
         };
         let at = |degrees: f64| {
             let sine = pipeline::real::sin(radians(degrees));
-            let responses = angle
-                .channels
-                .iter()
-                .map(|c| format!("{:.1}", 100.0 * c.at([slope(sine, angle.stack_index), 0.0])));
+            let responses = std::iter::zip(&angle.channels, &s.channels).map(|(response, channel)| {
+                let along = [slope(sine, angle.stack_index), 0.0];
+                format!("{:.1}", 100.0 * response.at_nm(channel.curve.peak_nm(), along))
+            });
             format!("{degrees} degrees {} %", responses.collect::<Vec<_>>().join(", "))
         };
         lines.push(format!(
-            "  angles            response of each filter along rows {}; microlenses {shifted}; stack index {}",
+            "  angles            response of each filter at its peak along rows {}; microlenses {shifted}; stack index {}",
             [10.0, 20.0, 30.0].map(at).join(", "),
             angle.stack_index
         ));

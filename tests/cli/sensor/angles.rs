@@ -1,7 +1,7 @@
 //! Sensors whose response depends on the angle of incidence.
 
 use super::USAGE;
-use crate::common::camera::{IRRADIANCE, Place, frame, sensor, window};
+use crate::common::camera::{IRRADIANCE, Place, frame, sensor, window, write_film};
 use crate::common::{assert_exit, lenscube};
 use pipeline::geometry::{Rect, Size};
 use std::fs;
@@ -239,5 +239,79 @@ fn descriptions_and_lenses_that_are_not_possible_are_one_clear_error() {
         ),
     ] {
         fails(&description(&place, name, more), &["--chief-ray-angles", &cra], texts);
+    }
+}
+
+/// A plate of glass before the film, whose loss a film of coated surfaces has already.
+#[test]
+fn a_plate_counts_once_in_lens_and_sensor() {
+    let place = Place::new();
+    let design = place.at("cover.csv");
+    let phone = include_str!("../../../formats/data/lenses/phone.csv");
+    let (before, last) = phone.split_once("9,2.143,1.0292128").unwrap();
+    let cover = format!("{before}9,2.143,0.5{}\n10,,0.3,1.517,64.2,2.2\n11,,0.331,,,2.2\n", last.trim_end());
+    fs::write(&design, cover).unwrap();
+    let film = |name: &str, coatings: &str| {
+        let film = place.at(name);
+        let chart = format!("gen:uniform?size={SIDE}&pitch_um={PITCH_UM}&wavelengths=500,600");
+        crate::common::run(
+            &chart,
+            &film,
+            design.to_str().unwrap(),
+            &["--coatings", coatings, "--film-units", "irradiance"],
+        )
+        .ok();
+        film
+    };
+    let (ideal, lossy) = (film("ideal.zarr", "ideal"), film("lossy.zarr", "none"));
+    fs::write(place.at("glass.csv"), "wavelength_nm,transmittance\n400,0.9\n700,0.8\n").unwrap();
+    let plate = "[[plate]]\nfile = \"glass.csv\"\nkind = \"absorbing\"\nindex = 1.52\n";
+    let of_sensor = description(&place, "once", plate);
+    let besides = description(&place, "besides", &format!("{plate}besides_lens = true\n"));
+    let raw = place.at("raw.zarr");
+    let expose = |film: &Path, file: &Path| {
+        let _ = fs::remove_dir_all(&raw);
+        sensor(film, &raw, &["--sensor", file.to_str().unwrap(), "--exposure", "60us"])
+    };
+    expose(&ideal, &of_sensor).ok();
+    expose(&lossy, &besides).ok();
+    let twice = expose(&lossy, &of_sensor);
+    assert_exit(&twice, USAGE, &["the same plate would count twice", "besides_lens = true"]);
+    assert!(!raw.exists());
+    // Known before the film is made.
+    let chart = format!("gen:uniform?size={SIDE}&pitch_um={PITCH_UM}&wavelengths=500,600");
+    let (picture, lens) = (place.at("shot.png"), design.to_str().unwrap());
+    let words = ["shoot", &chart, picture.to_str().unwrap(), "--lens", lens, "--coatings", "none"];
+    let flags = ["--sensor", of_sensor.to_str().unwrap(), "--exposure", "auto"];
+    assert_exit(&lenscube(&[&words[..], &flags].concat()), USAGE, &["would count twice"]);
+    // In one description.
+    let both = description(&place, "both", &plate.repeat(2));
+    assert_exit(&expose(&ideal, &both), USAGE, &["given twice"]);
+}
+
+/// Responses at two wavelengths: the film's bands see those linear between.
+#[test]
+fn a_response_by_wavelength_is_that_of_each_band() {
+    let place = Place::new();
+    let of_band = |nm: f64| {
+        let film = place.at(&format!("{nm}.zarr"));
+        write_film(&film, Size::new(SIDE, SIDE), &[nm], (2.0, IRRADIANCE), |_, _, _| 0.3);
+        let table = place.at("cra.csv");
+        fs::write(&table, "height_mm,cra_deg,f_number\n0,20,500\n1,20,500\n").unwrap();
+        let flags = ["--chief-ray-angles", table.to_str().unwrap()];
+        let flat = raw_of(&place, &film, &description(&place, "flat", ""), &[]).1;
+        fs::write(
+            place.at("response.csv"),
+            "angle_deg,response_600,response_500\n0,2,1\n20,1,0.9\n40,0,0.8\n",
+        )
+        .unwrap();
+        let more = "[angle]\nstack_index = 4\nfile = \"response.csv\"\n";
+        let found = raw_of(&place, &film, &description(&place, "spectral", more), &flags).1;
+        share(&found, &flat, 3, 5)
+    };
+    for (nm, expected) in [(450.0, 0.9), (500.0, 0.9), (525.0, 0.8), (580.0, 0.58), (620.0, 0.5)] {
+        let found = of_band(nm);
+        // A single band represents 10 nm.
+        assert!((found - expected).abs() < 6e-3, "{nm} nm: {found} {expected}");
     }
 }

@@ -40,10 +40,11 @@ def plate(kind, index, nodes, values, nm, s):
     return np.where(value > 0, top * (np.maximum(value, 1e-300) / top) ** (1 / cosine), 0)
 
 
-def weights(channel, plates, s):
-    """w_cb at the sines s: (sine, band), up to a factor."""
+def weights(channel, plates, s, shares=None):
+    """w_cb at the sines s: (sine, band), up to a factor; times shares over wavelength, (wavelengths, values)."""
     nm = np.arange(400.0, 720.0, 0.02) + 0.01
     response = nm * np.interp(nm, *QE[channel], left=0, right=0)
+    response = response * (np.interp(nm, *shares) if shares else 1.0)
     first, last = BANDS_NM[0] - (BANDS_NM[1] - BANDS_NM[0]) / 2, BANDS_NM[-1] + (BANDS_NM[-1] - BANDS_NM[-2]) / 2
     hats = np.array([np.interp(nm, BANDS_NM, np.eye(4)[b]) for b in range(4)]) * ((nm >= first) & (nm <= last))
     out = []
@@ -63,7 +64,16 @@ def separable(right, down, n):
     return along(right, HORIZONTAL) * along(down, VERTICAL)
 
 
+def spectral(halves_deg):
+    """A Gaussian of the sine in steps of 4 degrees at three wavelengths, linear between."""
+    steps = np.sin(np.radians(np.arange(0.0, 41.0, 4.0)))
+    at = lambda v, n, half: np.interp(v, slope(steps, n), 2.0 ** -((steps / np.sin(np.radians(half))) ** 2))
+    return lambda right, down, n: np.array([at(np.hypot(right, down), n, half) for half in halves_deg])
+
+
+SPECTRAL_NM = [520.0, 610.0, 650.0]
 CASES = {
+    "spectral": (1.5, None, {"A": spectral([30.0, 22.0, 15.0]), "B": spectral([15.0, 25.0, 40.0])}, [EDGE]),
     "model": (1.5, None, {"A": model(25.0, 2), "B": model(18.0, 4)}, []),
     "plates": (1.0, None, None, [EDGE, GLASS]),
     "table": (1.4, [(0.0, 0.0), (4.0, 10.0), (8.0, 16.0)], {"A": separable, "B": separable}, [EDGE]),
@@ -78,6 +88,8 @@ for case, (n, shifts, responses, plates) in CASES.items():
         # Weights by the sine, on a grid finer than anything that depends on it.
         sines = np.linspace(0, 0.8, 1601)
         by_sine = weights(channel, plates, sines if plates else [0.0])
+        if case == "spectral":
+            shares = [weights(channel, plates, sines, (SPECTRAL_NM, row)) for row in np.eye(3)]
         normal = weights(channel, plates, [0.0])[0]
         for row, column in PIXELS:
             y = (row + 0.5 - SIZE[0] / 2) * PITCH_MM + CENTRE_MM[0]
@@ -97,7 +109,10 @@ for case, (n, shifts, responses, plates) in CASES.items():
                 per = 1 / np.sqrt(n * n - s * s)
                 response = responses[channel](right * per - shift * ex, down * per - shift * ey, n)
             for band in range(4):
-                weight = np.interp(s, sines, by_sine[:, band]) if plates else normal[band]
-                ratio = np.mean(response * weight) / normal[band]
+                if case == "spectral":
+                    product = sum(r * np.interp(s, sines, of[:, band]) for r, of in zip(response, shares))
+                else:
+                    product = response * (np.interp(s, sines, by_sine[:, band]) if plates else normal[band])
+                ratio = np.mean(product) / normal[band]
                 lines.append(f"{case},{channel},{BANDS_NM[band]:g},{row},{column},{ratio:.9f}")
 OUT.write_text("\n".join(lines) + "\n")

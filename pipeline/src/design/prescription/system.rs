@@ -199,6 +199,13 @@ impl System {
         axis
     }
 
+    /// First surfaces of the plane-parallel plates of glass between the lens and the image plane: cover glass, filters.
+    pub fn image_plates(&self) -> Vec<usize> {
+        let has_power = |s: &Surface| !s.shape.is_flat() || s.is_mirror || s.ideal_focal_mm.is_some();
+        let behind = self.surfaces.iter().rposition(has_power).map_or(0, |last| last + 1);
+        (behind..self.image()).filter(|i| matches!(self.surfaces[*i].medium, Medium::Glass(_))).collect()
+    }
+
     /// Checks the assumptions of the tracer.
     ///
     /// # Errors

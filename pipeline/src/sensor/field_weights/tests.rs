@@ -61,6 +61,22 @@ fn case(name: &str) -> Sensor {
             let angle = AngularResponse { stack_index: 1.5, microlenses: Microlenses::Centred, channels };
             sensor(Some(angle), vec![])
         }
+        "spectral" => {
+            let sines: Vec<f64> = (0..=10).map(|k| sine(4.0 * f64::from(k))).collect();
+            let table = |half_deg: f64| {
+                let of = |s: &f64| {
+                    real::exp(-std::f64::consts::LN_2 * (s / sine(half_deg)) * (s / sine(half_deg)))
+                };
+                Acceptance::Radial(SlopeTable::new(&sines, &sines.iter().map(of).collect::<Vec<_>>(), 1.5))
+            };
+            let of = |degrees: [f64; 3]| {
+                let wavelengths_nm = vec![520.0, 610.0, 650.0];
+                Acceptance::Spectral { wavelengths_nm, responses: degrees.map(table).to_vec() }
+            };
+            let channels = vec![of([30.0, 22.0, 15.0]), of([15.0, 25.0, 40.0])];
+            let angle = AngularResponse { stack_index: 1.5, microlenses: Microlenses::Centred, channels };
+            sensor(Some(angle), vec![edge()])
+        }
         "plates" => {
             let curve = Curve { wavelengths_nm: vec![400.0, 550.0, 700.0], values: vec![0.95, 0.9, 0.3] };
             let glass = Plate { curve, kind: PlateKind::Absorbing, index: 1.52 };
@@ -92,7 +108,7 @@ fn weights(sensor: &Sensor, threads: usize) -> FieldWeights {
 fn weights_equal_the_f64_model() {
     let golden = include_str!("../../../tests/data/angles.csv");
     // A table whose angles are 10 degrees apart has kinks, which the rule over directions blunts.
-    for (name, tolerance) in [("model", 2e-6), ("plates", 3e-6), ("table", 1.5e-3)] {
+    for (name, tolerance) in [("model", 2e-6), ("plates", 3e-6), ("table", 1.5e-3), ("spectral", 2e-4)] {
         let sensor = case(name);
         let field = weights(&sensor, 2);
         let mut count = 0;
@@ -113,10 +129,13 @@ fn weights_equal_the_f64_model() {
 #[test]
 fn a_response_of_one_changes_no_bit_and_threads_change_none() {
     let flat = SlopeTable::new(&[0.0, 0.9], &[0.7, 0.7], 1.5);
+    let radial = Acceptance::Radial(flat);
+    let spectral =
+        Acceptance::Spectral { wavelengths_nm: vec![510.0, 640.0], responses: vec![radial.clone(); 2] };
     let angle = AngularResponse {
         stack_index: 1.5,
         microlenses: Microlenses::OfLens,
-        channels: vec![Acceptance::Radial(flat); 2],
+        channels: vec![radial, spectral],
     };
     let field = weights(&sensor(Some(angle), vec![]), 1);
     assert!(field.differences.iter().flatten().flatten().all(|v| *v == 0.0));
