@@ -13,7 +13,9 @@
 //! *.npy         f4 or f8, C order: (windows, rows, columns), or (rows, columns) with index 0
 //! ```
 //! Rows of a wavelength ascend in height from 0; wavelengths ascend. `psf_energy` is the share of ALL the light that the window
-//! holds. `cra_deg`, optional, is the angle of the chief ray in air in front of the film, positive away from the axis, for sensors whose response depends on it. `psf_outward` is the side of a window, drawn with its top row on top, that points away from the optical axis.
+//! holds. `psf_outward` is the side of a window, drawn with its top row on top, that points away from the optical axis.
+//! `cra_deg`, optional: angle of the chief ray in air in front of the film, positive away from the axis, 0 on it, for sensors
+//! whose response depends on it; the exit pupil is taken to be round, of the F-number N (1 + |m|).
 //! `#` starts a comment. A worked example lies in `formats/data/tables-example`.
 
 use super::csv::Csv;

@@ -11,6 +11,9 @@ use pipeline::lens::{Lens, LensBand, PsfSample, PsfStack};
 use serde_json::{Value, json};
 use std::path::{Path, PathBuf};
 
+/// Heights of the directions of the light.
+const CONE_HEIGHTS: usize = 257;
+
 /// Tables of one wavelength at the field points of the source.
 #[derive(Clone, Debug, Default)]
 pub(super) struct SparseBand {
@@ -150,11 +153,13 @@ impl Imported {
                 let last = band.distortion.1.last().copied().unwrap_or(0.0);
                 (band.psf_height_mm, band.psf_energy) = (vec![0.0, last], Vec::new());
             }
-            let (mut dense, error) = dense_tables(band, solid_angle_sr, &given.path, options)?;
-            dense.cones = cones(band, n);
+            let (dense, error) = dense_tables(band, solid_angle_sr, &given.path, options)?;
             worst = worst.max(error);
             dense.check().map_err(|source| ImportError::Table { path: given.path.clone(), source })?;
             bands.push(dense);
+        }
+        for (dense, band) in bands.iter_mut().zip(&given.bands) {
+            dense.cones = cones(band, &given)?;
         }
         if bands.is_empty() || bands.len() > MAX_COUNT {
             let problem = format!("has {} wavelengths, expected 1 to {MAX_COUNT}", bands.len());
@@ -215,22 +220,47 @@ pub fn write(
 
 /// The points of the source, for the pack's attribute `source`.
 fn given_points(band: &SparseBand) -> Value {
-    json!({
+    let mut points = json!({
         "wavelength_nm": band.wavelength_nm,
         "ideal_height_mm": band.distortion.0,
         "image_height_mm": band.distortion.1,
         "illumination_ideal_height_mm": band.illumination.0,
         "relative_illumination": band.illumination.1,
-    })
+    });
+    if !band.cra_deg.is_empty() {
+        points["cra_deg"] = json!(band.cra_deg);
+    }
+    points
 }
 
-/// The cones of chief-ray angles behind an exit pupil of the F-number of the lens.
-fn cones(band: &SparseBand, f_number: f64) -> Option<ConeTable> {
-    let rows: Vec<[f64; 3]> = std::iter::zip(&band.distortion.1, &band.cra_deg)
-        .map(|(height, cra)| [*height, *cra, f_number])
-        .collect();
-    let last = rows.last().filter(|_| rows.len() >= 2)?[0];
-    Some(ConeTable::of_chief_rays(&rows, last))
+/// The cones of the chief-ray angles of a band, if it has them: behind a round exit pupil of the F-number of the light at the film, N (1 + |m|) for pupils of the same size.
+fn cones(band: &SparseBand, lens: &SparseLens) -> Result<Option<ConeTable>, ImportError> {
+    let heights = &band.distortion.1;
+    if band.cra_deg.is_empty() {
+        return Ok(None);
+    }
+    let bad = |problem: String| {
+        Err(ImportError::file(
+            &lens.path,
+            format!("at {} nm chief-ray angles: {problem}", band.wavelength_nm),
+        ))
+    };
+    let last_mm = heights[heights.len() - 1];
+    if let Err(e) = bounds::HEIGHT_MM.check(last_mm) {
+        return bad(e.to_string());
+    }
+    if band.cra_deg[0] != 0.0 {
+        return bad(format!("{} degrees on the axis, expected 0", band.cra_deg[0]));
+    }
+    let f_number = lens.f_number * (1.0 + lens.magnification.abs());
+    let angle = Spline::mirrored(heights, &band.cra_deg, Parity::Odd);
+    let row = |height_mm: f64| [height_mm, angle.at(height_mm), f_number];
+    let rows: Vec<[f64; 3]> = equidistant(last_mm, CONE_HEIGHTS).into_iter().map(row).collect();
+    let table = ConeTable::of_chief_rays(&rows, last_mm);
+    match ConeTable::from_directions(table.step_mm(), &table.directions().collect::<Vec<_>>()) {
+        Ok(table) => Ok(Some(table)),
+        Err(problem) => bad(problem),
+    }
 }
 
 /// Dense tables, and the maximum difference of linear interpolation between their points from the spline, mm.

@@ -68,7 +68,7 @@ impl ConeTable {
     /// ```
     ///
     /// # Panics
-    /// Fewer than two rows.
+    /// Fewer than two rows; `last_mm` of 0 or less.
     pub fn of_chief_rays(rows: &[[f64; 3]], last_mm: f64) -> Self {
         let end_mm = rows[rows.len() - 1][0];
         let step_mm = last_mm / (CHIEF_RAYS - 1) as f64;
