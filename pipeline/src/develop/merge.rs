@@ -9,7 +9,7 @@
 //! merged   = black + g·K·r·t                                                 DN; t: time of the frame whose brightness the picture has
 //! ```
 //!
-//! Of two conversion gains σ_k² is that of the one that raw_k was read with, and in their transition (1 − w)²·σ_high² + w²·σ_low² ([`crate::sensor::dual_gain`]); rounding is that of whole numbers of each gain.
+//! Of two conversion gains σ_k² is that of the one that the charge r₍last₎·t_k is read with, and in their transition (1 − w)²·σ_high² + w²·σ_low² ([`crate::sensor::dual_gain`]); rounding is that of whole numbers of each gain.
 //!
 //! limit: saturation, or the knee of the full well, above which charge is not that of the light. The share u of a frame follows from shorter frames and falls slowly: a choice by the frame's own noise, or at a step, would bias the mean
 //! (here by less than 1.5·10⁻³ where the shorter frame has a noise of 2 %). After M. Granados et al., "Optimal HDR reconstruction with linear digital cameras", CVPR 2010, in one step. Dark charge is part of the rate, as in a single frame.
@@ -96,7 +96,8 @@ impl Bracket {
         let rate = (sum_e / sum_s).max(0.0);
         let frames = electrons.iter().zip(&self.times_s).zip(&shares);
         let (value, weight) = frames.fold((0.0, 0.0), |(value, weight), ((n, seconds), share)| {
-            let variance = (rate * seconds + self.variance_without_light_e2(*n)).max(f64::MIN_POSITIVE);
+            let variance =
+                (rate * seconds + self.variance_without_light_e2(rate * seconds)).max(f64::MIN_POSITIVE);
             let w = share * seconds * seconds / variance;
             (value + w * n / seconds, weight + w)
         });
@@ -170,7 +171,7 @@ mod tests {
     /// The mean over noise is that of the light, also where a frame ends.
     #[test]
     fn the_choice_of_frames_does_not_bias_the_mean() {
-        let of = bracket(&[0.01, 0.04]);
+        let step = LowGain { transition_dn: (1064.0, 1064.0), dark_variance_e2: 1e4 };
         let mut state = 1u64;
         let mut normal = || {
             let uniform = || {
@@ -180,7 +181,11 @@ mod tests {
             std::iter::repeat_with(uniform).take(12).sum::<f64>() - 6.0
         };
         const N: usize = 40_000;
-        for rate in [3e4, 1.2e5, 1.8e5, 2.2e5, 2.4e5, 2.6e5, 4e5] {
+        let none = [3e4, 1.2e5, 1.8e5, 2.2e5, 2.4e5, 2.6e5, 4e5].map(|rate| (None, rate));
+        // Two gains that change at 2000 e-.
+        let two = [4.9e4, 5e4, 5.1e4, 1.9e5, 2e5].map(|rate| (Some(step), rate));
+        for (low_gain, rate) in none.into_iter().chain(two) {
+            let of = Bracket { low_gain, ..bracket(&[0.01, 0.04]) };
             let mut sum = 0.0;
             for _ in 0..N {
                 let electrons = of.times_s.clone().into_iter().map(|t| {
