@@ -277,6 +277,23 @@ fn shading_glare_and_colours_that_are_set_are_measured() {
         assert!((index - 0.02 / 1.02).abs() < 1e-6, "{index}");
     }
 
+    // The same inside a larger picture, placed by its corners.
+    let (wide, high, right, down) = (700, 470, 60, 25);
+    let mut larger = vec![0.3 * paper; wide * high];
+    for (y, row) in veiled.chunks(size.width).enumerate() {
+        larger[(y + down) * wide + right..][..size.width].copy_from_slice(row);
+    }
+    write(&exr, Size::new(high, wide), &[&larger]);
+    let (x, y) = (right as f64 - 0.5, down as f64 - 0.5);
+    let (last_x, last_y) = (x + size.width as f64, y + size.height as f64);
+    let corners = format!("--corners={x},{y};{last_x},{y};{last_x},{last_y};{x},{last_y}");
+    let placed = place.measured(&exr, "black-spots", &[&corners])[0]["discs"].as_array().unwrap().clone();
+    assert_eq!(placed.len(), 9);
+    for disc in placed {
+        let index = number(&disc["veiling_glare_index"]);
+        assert!((index - 0.02 / 1.02).abs() < 1e-6, "{index}");
+    }
+
     // A ColorChecker as its spectra are seen, half as bright; and one whose blue is a fifth too weak.
     let generator: Generator = "checker?size=480x320&wavelengths=550".parse().unwrap();
     let size = generator.film_size();

@@ -286,7 +286,24 @@ fn a_plate_counts_once_in_lens_and_sensor() {
     assert_exit(&lenscube(&[&words[..], &flags].concat()), USAGE, &["would count twice"]);
     // In one description.
     let both = description(&place, "both", &plate.repeat(2));
-    assert_exit(&expose(&ideal, &both), USAGE, &["given twice"]);
+    assert_exit(&expose(&ideal, &both), USAGE, &["each table once", "glass.csv twice"]);
+}
+
+/// Light beside the image has no cone of its own: it is told.
+#[test]
+fn light_of_the_veil_is_told_to_come_from_the_cone_of_the_image() {
+    let place = Place::new();
+    let film = place.at("veil.zarr");
+    let chart = format!("gen:black-spots?size={SIDE}&pitch_um={PITCH_UM}&wavelengths=500,600");
+    crate::common::run(&chart, &film, "phone", &["--veiling-glare", "2%"]).ok();
+    let note = "the film's veil (scatter, glare or ghosts) is taken to come from the directions of the image";
+    let raw = place.at("raw.zarr");
+    for (more, is_told) in [("[angle]\nstack_index = 1.5\nacceptance_deg = 30\n", true), ("", false)] {
+        let _ = fs::remove_dir_all(&raw);
+        let file = description(&place, "s", more);
+        let said = sensor(&film, &raw, &["--sensor", file.to_str().unwrap(), "--exposure", "auto"]).ok();
+        assert_eq!(said.stderr.contains(note), is_told, "{}", said.stderr);
+    }
 }
 
 /// Responses at two wavelengths: the film's bands see those linear between.

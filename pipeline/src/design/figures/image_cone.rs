@@ -60,7 +60,22 @@ pub fn image_cones(system: &System, um: f64, reach_mm: f64) -> Result<ConeTable,
 mod tests {
     use super::*;
     use crate::design::pupil::illumination::solid_angle_sr;
+    use crate::design::rays::paraxial::Paraxial;
+    use crate::real;
     use std::f64::consts::PI;
+
+    /// Near the axis the chief ray comes from the middle of the paraxial exit pupil.
+    #[test]
+    fn chief_rays_near_the_axis_come_from_the_exit_pupil() {
+        let lens = System::double_gauss_28();
+        let exit_pupil_mm = Paraxial::new(&lens, 0.5876).unwrap().exit_pupil_mm;
+        let tracer = Tracer::new(&lens, 0.5876).unwrap();
+        for height_mm in [0.05, 0.2] {
+            let cone = image_cone(&tracer, tracer.field_of_height(height_mm).unwrap()).unwrap();
+            let expected = height_mm / real::hypot(height_mm, exit_pupil_mm);
+            assert!((cone.chief / expected - 1.0).abs() < 1e-4, "{height_mm}: {} {expected}", cone.chief);
+        }
+    }
 
     #[test]
     fn cone_of_a_circular_pupil_has_its_marginal_rays_and_solid_angle() {
