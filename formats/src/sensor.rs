@@ -157,15 +157,8 @@ impl SensorFile {
         let filters = curves.filters()?;
         let names: Vec<String> = names.into_iter().map(|(name, _)| name).collect();
         let angle = text.angle.as_ref().map(|angle| AngleFile::read(&curves, angle, &names)).transpose()?;
-        let plates: Vec<PlateFile> =
+        let plates =
             text.plate.iter().map(|plate| PlateFile::read(&curves, plate)).collect::<Result<_, _>>()?;
-        for (k, plate) in plates.iter().enumerate() {
-            let curve = plate.plate().curve;
-            if filters.contains(&curve) || plates[..k].iter().any(|other| other.plate().curve == curve) {
-                let expected = "each plate and filter once";
-                return Err(curves.wrong("plate.file", expected, "a transmittance that is given twice"));
-            }
-        }
         let crosstalk = text.crosstalk.as_ref().map(|text| CrosstalkFile::read(&curves, text)).transpose()?;
         let file = Self { text, set, channels, filters, angle, plates, crosstalk, pattern };
         check::sensor(path, &file)?;
@@ -222,7 +215,7 @@ impl SensorFile {
         }
     }
 
-    /// Whether it has a plate that may be one of the lens: one that its description does not say is there besides the lens's.
+    /// Whether it has a plate that may be one of the lens: a plate without `besides_lens`.
     pub fn may_repeat_plates(&self) -> bool {
         self.text.plate.iter().any(|plate| !plate.besides_lens)
     }

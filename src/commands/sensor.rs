@@ -10,7 +10,7 @@ mod geometry;
 mod identity;
 mod kept;
 mod memory;
-mod motion;
+pub mod motion;
 mod open;
 mod picture;
 mod raw;

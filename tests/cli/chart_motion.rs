@@ -105,7 +105,7 @@ fn what_a_motion_of_a_chart_cannot_be_is_said_before_any_work() {
     let cases: [(&str, &str, &[&str], &str); 5] = [
         (&chart, &good, &nm, "give --film-pitch-um"),
         (&chart, text(&rates), &[&nm[..], &pitch].concat(), "rates of a gyroscope"),
-        (&chart, &far, &[&nm[..], &pitch].concat(), "expected at most 2048"),
+        (&chart, &far, &[&nm[..], &pitch].concat(), "expected at most 2048 and 20000"),
         (&chart, &short, &[&nm[..], &pitch].concat(), "expected times from 0 to 0.004 s"),
         ("gen:depth-scene?size=64&wavelengths=550", &good, &[], "has distances"),
     ];

@@ -30,6 +30,8 @@ const INDEX: (f64, f64) = (1.0, 4.0);
 const EXPONENTS: [u32; 4] = [2, 4, 6, 8];
 /// Largest response in a table.
 const MAX_RESPONSE: f64 = 1e6;
+/// Wavelengths of a response, at most.
+const MAX_WAVELENGTHS: usize = 64;
 /// Columns of responses.
 const RESPONSES: [&str; 3] = ["response", "horizontal", "vertical"];
 
@@ -252,18 +254,33 @@ fn acceptance(
     let (path, text) = curves.table(&format!("{field}.file"), file)?;
     let head = text.lines().find(|line| !line.trim().is_empty()).unwrap_or_default();
     let names = names_of(head);
+    let fail = |problem: String| SensorError::Table { path: path.clone(), problem };
     let read = |wavelength: &str| acceptance_table(&path, &text, &names, wavelength);
     let mut spectral: Vec<(f64, &str)> = names.iter().filter_map(|name| wavelength_of(name)).collect();
     if spectral.is_empty() {
         return read("");
     }
-    spectral.sort_by(|a, b| a.0.total_cmp(&b.0));
+    if let Some(plain) = RESPONSES.iter().find(|column| names.contains(column)) {
+        return Err(fail(format!(
+            "has the column {plain} beside columns by wavelength: expected one or the others"
+        )));
+    }
+    spectral.sort_by(|a, b| a.0.total_cmp(&b.0).then_with(|| a.1.cmp(b.1)));
     spectral.dedup();
-    for (nm, column) in &spectral {
-        WAVELENGTH_NM.check(*nm).map_err(|e| SensorError::Table {
-            path: path.clone(),
-            problem: format!("columns of {column}: {e}"),
-        })?;
+    if spectral.len() > MAX_WAVELENGTHS {
+        return Err(fail(format!(
+            "responses at {} wavelengths, expected at most {MAX_WAVELENGTHS}",
+            spectral.len()
+        )));
+    }
+    for (nm, _) in &spectral {
+        WAVELENGTH_NM.check(*nm).map_err(|e| fail(format!("in the name of a column: {e}")))?;
+    }
+    if let Some(twice) = spectral.windows(2).find(|two| two[0].0 == two[1].0) {
+        return Err(fail(format!(
+            "{} nm stands in the names of columns as {} and {}",
+            twice[0].0, twice[0].1, twice[1].1
+        )));
     }
     Ok(AcceptanceFile::Spectral {
         wavelength_nm: spectral.iter().map(|(nm, _)| *nm).collect(),
@@ -271,20 +288,23 @@ fn acceptance(
     })
 }
 
-/// The wavelength in the name of a column of a response, nm, and as it is written there: of `response_450` 450 and `_450`.
+/// The wavelength in the name of a column of a response, nm, and as it is written there: of `response_450` 450 and `450`.
 fn wavelength_of(name: &str) -> Option<(f64, &str)> {
-    let rest = RESPONSES.iter().find_map(|column| name.strip_prefix(column))?;
-    Some((rest.strip_prefix('_')?.parse().ok()?, rest))
+    let text = RESPONSES.iter().find_map(|column| name.strip_prefix(column))?.strip_prefix('_')?;
+    Some((text.parse().ok()?, text))
 }
 
-/// Angles and responses of the columns whose names end in `wavelength`.
+/// Angles and responses of the columns whose names have the wavelength `wavelength`; none if it is empty.
 fn acceptance_table(
     path: &Path,
     text: &str,
     names: &[&str],
     wavelength: &str,
 ) -> Result<AcceptanceFile, SensorError> {
-    let [response, horizontal, vertical] = RESPONSES.map(|column| format!("{column}{wavelength}"));
+    let [response, horizontal, vertical] = RESPONSES.map(|column| match wavelength {
+        "" => column.to_owned(),
+        nm => format!("{column}_{nm}"),
+    });
     if names.contains(&&*response) {
         let rows = table::columns(path, text, ["angle_deg", &response])?;
         let (angle_deg, response) = rows.iter().map(|(_, [angle, v])| (*angle, *v)).unzip();

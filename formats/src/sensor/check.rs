@@ -89,6 +89,13 @@ pub(super) fn fields(path: &Path, t: &SensorText) -> Result<(), SensorError> {
         let found = s.filters.len() + t.plate.len();
         return Err(wrong(path, "spectral.filters and plate", "at most two in all", found));
     }
+    let files: Vec<&String> = s.filters.iter().chain(t.plate.iter().map(|plate| &plate.file)).collect();
+    if let [first, second] = files[..]
+        && first == second
+    {
+        let expected = "each table once; of two that are alike one table with their product";
+        return Err(wrong(path, "spectral.filters and plate", expected, format!("{first} twice")));
+    }
     match (s.quantity, s.peak_quantum_efficiency) {
         (None, _) if s.file.is_some() => {
             let words = "\"quantum_efficiency\" or \"relative_response\"";

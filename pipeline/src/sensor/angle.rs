@@ -146,7 +146,7 @@ impl Acceptance {
         }
     }
 
-    /// The response at slopes to the right and down, 1 at 0; of a spectral one that at its shortest wavelength.
+    /// The response at slopes to the right and down, 1 at 0, of one of its [`Acceptance::parts`].
     pub(super) fn at(&self, [right, down]: [f64; 2]) -> f64 {
         let square = right * right + down * down;
         match self {
@@ -157,7 +157,7 @@ impl Acceptance {
             }
             Self::Radial(table) => table.at(square.sqrt()),
             Self::Separable { horizontal, vertical } => horizontal.at(right) * vertical.at(down),
-            Self::Spectral { responses, .. } => responses[0].at([right, down]),
+            Self::Spectral { .. } => unreachable!("a part has one response"),
         }
     }
 

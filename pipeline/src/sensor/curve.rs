@@ -24,13 +24,6 @@ impl Curve {
         y[i - 1] + (y[i] - y[i - 1]) / (x[i] - x[i - 1]) * (nm - x[i - 1])
     }
 
-    /// Wavelength of the largest value, the first of several, nm.
-    pub fn peak_nm(&self) -> f64 {
-        let larger = |best: usize, i: usize| if self.values[i] > self.values[best] { i } else { best };
-        let best = (0..self.values.len()).reduce(larger);
-        best.map_or(0.0, |i| self.wavelengths_nm[i])
-    }
-
     /// First and last wavelength, nm.
     pub fn range_nm(&self) -> (f64, f64) {
         let end = |v: Option<&f64>| v.copied().unwrap_or(0.0);

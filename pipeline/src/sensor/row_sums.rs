@@ -1,6 +1,6 @@
-//! What some bands add to the sums of a row of pixels.
+//! Sums over bands of a row of pixels.
 //!
-//! A pixel of the first plane adds w·E of each band in f64; its corrections ([`super::crosstalk`]) add a·(w·E), the product rounded to f32 and summed in f32: corrections are a part of the signal. Up to [`TOGETHER`] bands are added
+//! A pixel of the first plane adds w·E of each band in f64; its corrections ([`super::crosstalk`]) add a·(w·E), the product rounded to f32 and summed in f32: 31 bands add up to within 2·10⁻⁶ of the correction. Up to [`TOGETHER`] bands are added
 //! between a read and a write of a sum, which costs more than the additions; the order is that of the bands, so that bits do not depend on how many are. Weights that repeat with the mosaic are a *tile* of some
 //! columns, which stays in the processor's first cache.
 

@@ -2,7 +2,7 @@
 //! the next block.
 //!
 //! The film is cut into blocks of rows and blocks of columns. A worker takes a block of columns, reads a few of its bands, adds
-//! the film rows of each sensor row with the weights of that axis, then the columns, and accumulates the bands, ascending, in f64 ([`super::row_sums`]). Sums of film
+//! the film rows of each sensor row with the weights of that axis, then the columns, and accumulates the bands, ascending, in f64 (`row_sums`). Sums of film
 //! rows that a block leaves unfinished are carried to the next block, so every film row is read once; columns that two of these blocks need are read by
 //! both, and decoded once where the source keeps decoded chunks.
 //!

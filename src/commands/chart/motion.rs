@@ -6,23 +6,21 @@
 
 use super::store;
 use crate::args::MotionArgs;
+use crate::commands::sensor::motion::{MAX_MARGIN_PX, MAX_STEPS, check_covers, shifted};
 use crate::commands::sensor::time;
 use crate::failure::usage;
 use crate::job::depth::surfaces::SurfacePaths;
 use crate::machine::{MAX_DEFAULT, MemoryLimit, threads};
 use crate::open;
 use crate::outputs::check_absent;
-use crate::progress::detail_line;
+use crate::progress::{detail_line, log_line};
 use anyhow::Result;
 use formats::chart::{Chart, ChartMeta, NanPolicy, NewChart};
 use formats::durable::{create_directories, is_url, parent_of};
 use formats::sensor::{CameraMotion, camera_motion};
-use pipeline::sensor::angle::radians;
-use pipeline::sensor::motion::{Motion, Pose, RowTimes};
+use pipeline::sensor::motion::{Motion, RowTimes};
 use serde_json::{Map, json};
 
-/// Moments of an exposure, and pixels that the chart may move by, at most.
-const MAX: (usize, usize) = (20_000, 2048);
 /// Side of the shards of a chart.
 const SHARD_PX: u64 = 2048;
 /// Bytes of decoded chunks of the chart that are kept.
@@ -47,9 +45,13 @@ pub fn command(args: &MotionArgs) -> Result<()> {
         }
     };
     let motion = motion(args, &chart, exposure_s, pitch_um)?;
-    let side = SHARD_PX + 2 * motion.margin_px() as u64;
-    // What is read around a shard; the shard, and its bytes as they are encoded.
-    let thread_bytes = 4 * (side * side + 4 * SHARD_PX * SHARD_PX);
+    let bands: Vec<usize> = (0..chart.bands()).collect();
+    let (chunks, reach) = (chart.chunk_memory(&bands), 2 * motion.margin_px() as u64);
+    let side = SHARD_PX + reach;
+    // What is read around a shard; the shard, and its bytes as they are encoded; the weights of a motion; chunks on their way.
+    let thread_bytes = 4 * (side * side + 4 * SHARD_PX * SHARD_PX)
+        + 8 * reach * reach
+        + (chunks.decoding + chunks.values).max(chunks.rechunking) as u64;
     let limit = MemoryLimit::new(args.memory, MAX_DEFAULT);
     let left = limit.bytes.saturating_sub(CACHE_BYTES as u64);
     if left < thread_bytes {
@@ -62,7 +64,7 @@ pub fn command(args: &MotionArgs) -> Result<()> {
     let threads = threads(args.threads).min((left / thread_bytes) as usize);
     let parent = if is_url(&args.out) { std::env::temp_dir() } else { parent_of(&args.out).to_owned() };
     create_directories(&parent, true)?;
-    let bands: Vec<usize> = (0..chart.bands()).collect();
+    open::notes(&chart).iter().for_each(|note| log_line(format!("note: {note}")));
     open::sort_by_band(&mut chart, &bands, &parent, threads)?;
     detail_line(format!("each pixel is the mean of {} moments", motion.steps()));
     let mut attributes = Map::new();
@@ -88,7 +90,7 @@ fn check_flat(args: &MotionArgs, chart: &Chart) -> Result<()> {
     match has_distances {
         false => Ok(()),
         true => Err(usage(format!(
-            "chart {} has distances: expected a flat chart, for near and far surfaces move by different lengths and hide each other; give its array PATH//chart as a store of its own",
+            "chart {} has distances: expected a flat chart, for near and far surfaces move by different lengths and hide each other",
             args.chart
         ))),
     }
@@ -105,31 +107,18 @@ fn motion(args: &MotionArgs, chart: &Chart, exposure_s: f64, pitch_um: f64) -> R
             )));
         }
     };
-    let (first_s, last_s) = (table[0][0], table[table.len() - 1][0]);
-    if first_s > 0.0 || last_s < exposure_s * (1.0 - 1e-9) {
-        return Err(usage(format!(
-            "--motion {path}: expected times from 0 to {exposure_s} s, the end of the exposure, found {first_s} to {last_s} s"
-        )));
-    }
-    let pose = |[time_s, x_um, y_um, degrees]: &[f64; 4]| Pose {
-        time_s: *time_s,
-        x_um: *x_um,
-        y_um: *y_um,
-        rotation_rad: radians(*degrees),
-    };
+    check_covers(&args.motion, &table, exposure_s)?;
     let size = chart.size();
     let times = RowTimes { row_time_s: 0.0, exposure_s, rows: 1, first_px: 0.0, row_px: 1.0 };
     let middle = |n: usize| (n as f64 - 1.0) / 2.0;
     let place = (size, pitch_um, (middle(size.height), middle(size.width)));
-    let motion = Motion::new(table.iter().map(pose).collect(), times, place);
-    match motion.steps() <= MAX.0 && motion.margin_px() <= MAX.1 {
+    let motion = Motion::new(shifted(&table), times, place);
+    match motion.steps() <= MAX_STEPS && motion.margin_px() <= MAX_MARGIN_PX {
         true => Ok(motion),
         false => Err(usage(format!(
-            "--motion {path}: moves the chart by up to {} pixels and needs {} moments, expected at most {} and {}",
+            "--motion {path}: reads {} pixels on each side and {} moments, expected at most {MAX_MARGIN_PX} and {MAX_STEPS}: a shorter motion, or a chart of larger pixels",
             motion.margin_px(),
-            motion.steps(),
-            MAX.1,
-            MAX.0
+            motion.steps()
         ))),
     }
 }

@@ -166,7 +166,7 @@ impl<'a> Camera<'a> {
             planes: &planes,
             corrections: &corrections,
             block: (64, size.width),
-            bands_at_once: 8,
+            bands_at_once: 1,
             threads: 1,
             cancel: &AtomicBool::new(false),
         };

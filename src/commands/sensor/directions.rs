@@ -22,7 +22,7 @@ use serde_json::{Value, json};
 use std::path::Path;
 use std::sync::{Arc, OnceLock};
 
-/// Heights at which a cone is looked at.
+/// Heights at which cones are checked.
 const HEIGHTS: usize = 257;
 /// Reach beyond the corners, relative: rounding.
 const BEYOND: f64 = 1e-6;
@@ -66,13 +66,8 @@ impl Directions {
         let reach_mm = placement.reach_mm() * (1.0 + BEYOND);
         let cones = match &args.chief_ray_angles {
             Some(path) => vec![of_table(path, reach_mm)?; film.wavelengths_nm.len()],
-            None => of_lens(film, args, reach_mm)?,
+            None => of_lens(film, args, (file, sensor), reach_mm)?,
         };
-        // Of ideal coatings, without this record, the light has lost nothing.
-        if file.may_repeat_plates() && film.has_coatings {
-            let recorded = recorded_lens(args)?;
-            check_plates((file, sensor), &recorded.open()?, &recorded.name)?;
-        }
         let at = |k: usize| reach_mm * k as f64 / (HEIGHTS - 1) as f64;
         let beyond = |k: &usize| cones.iter().any(|table| table.at(at(*k)).largest_sine() >= 1.0);
         if let Some(k) = (0..HEIGHTS).find(beyond) {
@@ -149,19 +144,19 @@ fn check_plates((file, sensor): (&SensorFile, &Sensor), lens: &UntracedLens, nam
     }
 }
 
-/// The lens that the film of `args` records.
-fn recorded_lens(args: &ExposeArgs) -> Result<RecordedLens> {
-    let (path, _) = split_group(args.film.as_deref().unwrap_or_default());
-    RecordedLens::new(&reported::film(Path::new(path))?, args.lens.as_deref())
-}
-
 /// All numbers of a table.
 fn numbers(cones: &ConeTable) -> Vec<f64> {
     std::iter::once(cones.step_mm()).chain(cones.directions().flatten()).collect()
 }
 
-fn of_lens(film: &Film, args: &ExposeArgs, reach_mm: f64) -> Result<Vec<ConeTable>> {
-    let recorded = recorded_lens(args)?;
+fn of_lens(
+    film: &Film,
+    args: &ExposeArgs,
+    of_sensor: (&SensorFile, &Sensor),
+    reach_mm: f64,
+) -> Result<Vec<ConeTable>> {
+    let (path, _) = split_group(args.film.as_deref().unwrap_or_default());
+    let recorded = RecordedLens::new(&reported::film(Path::new(path))?, args.lens.as_deref())?;
     let other = |what: &str| {
         usage(format!(
             "{what} {} gives no directions of light at the film, which the sensor depends on: give them by --chief-ray-angles FILE.csv \
@@ -170,6 +165,7 @@ fn of_lens(film: &Film, args: &ExposeArgs, reach_mm: f64) -> Result<Vec<ConeTabl
         ))
     };
     let lens = recorded.open()?;
+    check_plates(of_sensor, &lens, &recorded.name)?;
     let design = match &lens {
         UntracedLens::Pack(pack) => {
             let of = |nm: &f64| {

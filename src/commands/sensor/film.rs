@@ -58,7 +58,7 @@ pub struct Film {
     /// Whether it has light of scatter, glare or ghosts.
     has_veil: bool,
     /// Whether its light was followed through coatings.
-    pub has_coatings: bool,
+    has_coatings: bool,
     /// What distinguishes its pixels from another film's.
     pub identity: Value,
     /// (rows, columns) of what is decoded at once.
@@ -130,11 +130,12 @@ impl Film {
         })
     }
 
-    /// What is said of its veil where the directions of the light count.
-    pub fn veil_note(&self) -> Option<String> {
-        self.has_veil.then(|| {
-            "the film's veil (scatter, glare or ghosts) is taken to come from the directions of the image at its place".into()
-        })
+    /// Notes for sensors that depend on the directions of its light, which are those of a table if `from_table`, behind plates that may be the lens's if `may_repeat_plates`.
+    pub fn notes_on_directions(&self, from_table: bool, may_repeat_plates: bool) -> Vec<String> {
+        let veil = "the film's veil (scatter, glare or ghosts) is taken to come from the directions of the image at its place";
+        let plates = "the film has lost light in its lens; with --chief-ray-angles it is not checked that the lens has no plate of the sensor's, which would count twice";
+        let notes = [(veil, self.has_veil), (plates, self.has_coatings && from_table && may_repeat_plates)];
+        notes.into_iter().filter(|(_, applies)| *applies).map(|(note, _)| note.to_owned()).collect()
     }
 
     /// Bytes read from the store and chunks decoded so far.

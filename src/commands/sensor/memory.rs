@@ -1,7 +1,7 @@
 //! Memory of a run, planned before the first pixel.
 //!
 //! Fixed: the program; the signal of a row of shards (two planes if illuminance is summed); the rows finished by a block of the film. Per
-//! thread: the film pixels of a row block and column block, their sums, a shard of digital numbers and its encoded bytes; whole columns where charge flows along them; what surrounds the block where the camera moves. The rest is a cache of decoded
+//! thread: the film pixels of some bands of a row block and column block, their sums, a shard of digital numbers and its encoded bytes; whole columns where charge flows along them; what surrounds the block where the camera moves. The rest is a cache of decoded
 //! chunks where column blocks share film columns, at most two columns of chunks of all bands.
 
 use crate::machine::MemoryLimit;
@@ -18,8 +18,9 @@ pub const DEFAULT: u64 = 1 << 30;
 const STRIP_BYTES: usize = 4 * STRIP + 64 * 8 * 8;
 /// Columns of the signal that are read at a time for that.
 pub const STRIP: usize = 512;
-/// Bands of a block that are read together where memory allows it, without corrections and with them, whose sums are then read and written less often; measured.
-const TOGETHER: (usize, usize) = (2, 16);
+/// Bands of a block that are read together where memory allows it. Of 31 bands of 16 Mpx with corrections, whose sums are then read and written less often, 16 took 3.6 core seconds, 4 4.3 and 1 5.4; without, 1 to 4 the same.
+const BANDS_AT_ONCE: usize = 2;
+const BANDS_AT_ONCE_WITH_CORRECTIONS: usize = 16;
 /// Minimum rows of a block of the film.
 const BLOCK_ROWS: usize = 512;
 
@@ -89,7 +90,8 @@ impl Memory {
         };
         let fixed = BASE + signal + carry;
         let usable = limit / 16 * 15;
-        let most = if needs.corrections > 0 { TOGETHER.1 } else { TOGETHER.0 };
+        let most = if needs.corrections > 0 { BANDS_AT_ONCE_WITH_CORRECTIONS } else { BANDS_AT_ONCE };
+        let most = most.min(needs.bands.max(1));
         let mut fewer = std::iter::successors(Some(most), |n| Some(n / 2).filter(|n| *n > 0));
         let fits = |n: &usize| fixed + threads * worker_with(*n) <= usable;
         let bands_at_once = fewer.find(fits).unwrap_or(1);

@@ -16,9 +16,9 @@ use serde_json::{Value, json};
 use std::path::Path;
 
 /// Moments of an exposure, at most.
-const MAX_STEPS: usize = 20_000;
-/// Film pixels that the picture may move by, at most.
-const MAX_MARGIN_PX: usize = 2048;
+pub const MAX_STEPS: usize = 20_000;
+/// Pixels beside a pixel that a motion may read, at most.
+pub const MAX_MARGIN_PX: usize = 2048;
 
 /// The motion of a camera, ready for a film.
 pub struct CameraMotion {
@@ -113,15 +113,7 @@ impl CameraMotion {
 /// Usage: rates without a focal length, or shifts with one.
 fn poses(args: &ExposeArgs, path: &Path, motion: &sensor::CameraMotion) -> Result<Vec<Pose>> {
     match (motion, args.focal_length_mm) {
-        (sensor::CameraMotion::Shifts(rows), None) => {
-            let pose = |[time_s, x_um, y_um, degrees]: &[f64; 4]| Pose {
-                time_s: *time_s,
-                x_um: *x_um,
-                y_um: *y_um,
-                rotation_rad: radians(*degrees),
-            };
-            Ok(rows.iter().map(pose).collect())
-        }
+        (sensor::CameraMotion::Shifts(rows), None) => Ok(shifted(rows)),
         (sensor::CameraMotion::Rates(rows), Some(mm)) => {
             let in_radians = |[t, x, y, z]: &[f64; 4]| [*t, radians(*x), radians(*y), radians(*z)];
             Ok(gyro::poses(&rows.iter().map(in_radians).collect::<Vec<_>>(), mm))
@@ -137,13 +129,27 @@ fn poses(args: &ExposeArgs, path: &Path, motion: &sensor::CameraMotion) -> Resul
     }
 }
 
-/// Fails for a table that does not span the exposure of all rows.
-fn check_covers(path: &Path, table: &[[f64; 4]], end_s: f64) -> Result<()> {
+/// The poses of a table of time (s), shift (µm; right, down) and rotation (degrees).
+pub fn shifted(rows: &[[f64; 4]]) -> Vec<Pose> {
+    let pose = |[time_s, x_um, y_um, degrees]: &[f64; 4]| Pose {
+        time_s: *time_s,
+        x_um: *x_um,
+        y_um: *y_um,
+        rotation_rad: radians(*degrees),
+    };
+    rows.iter().map(pose).collect()
+}
+
+/// Fails for a table that does not span an exposure that ends at `end_s`.
+///
+/// # Errors
+/// Usage.
+pub fn check_covers(path: &Path, table: &[[f64; 4]], end_s: f64) -> Result<()> {
     let (first_s, last_s) = (table[0][0], table[table.len() - 1][0]);
     match first_s <= 0.0 && last_s >= end_s * (1.0 - 1e-9) {
         true => Ok(()),
         false => Err(usage(format!(
-            "--motion {}: expected times from 0 to {end_s} s, the end of the last row, found {first_s} to {last_s} s",
+            "--motion {}: expected times from 0 to {end_s} s, the end of the exposure, found {first_s} to {last_s} s",
             path.display()
         ))),
     }

@@ -106,7 +106,10 @@ impl RawJob {
         notes.extend(warnings::of_crosstalk(&sensor, &opened.wavelengths_nm));
         let directions = Directions::of_film(&opened, args, (&file, &sensor), &geometry)?;
         notes.extend(directions.iter().map(Directions::note));
-        notes.extend(directions.as_ref().and_then(|_| opened.veil_note()));
+        if directions.is_some() {
+            let from_table = args.chief_ray_angles.is_some();
+            notes.extend(opened.notes_on_directions(from_table, file.may_repeat_plates()));
+        }
         let motion = CameraMotion::of_film(args, &times, &sensor, (&opened.plane, &geometry))?;
         notes.extend(motion.iter().map(CameraMotion::note));
         let relative = opened.relative;

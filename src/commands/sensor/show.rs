@@ -10,7 +10,7 @@ use formats::picture::style::Colour;
 use formats::sensor::{SensorFile, builtin_names};
 use pipeline::colour::Illuminant;
 use pipeline::geometry::Size;
-use pipeline::sensor::angle::{Microlenses, PlateKind, radians, slope};
+use pipeline::sensor::angle::{Acceptance, Microlenses, PlateKind, radians, slope};
 use pipeline::sensor::emva::Bench;
 use pipeline::sensor::figures::{Over, Quantity};
 use pipeline::sensor::{NoiseSet, Sensor};
@@ -127,17 +127,22 @@ fn angles(s: &Sensor) -> Vec<String> {
                 format!("shifted for a table of chief rays, {degrees:.1} degrees at {height_mm} mm")
             }
         };
-        let at = |degrees: f64| {
+        let at = |nm: f64, degrees: f64| {
             let sine = pipeline::real::sin(radians(degrees));
-            let responses = std::iter::zip(&angle.channels, &s.channels).map(|(response, channel)| {
-                let along = [slope(sine, angle.stack_index), 0.0];
-                format!("{:.1}", 100.0 * response.at_nm(channel.curve.peak_nm(), along))
-            });
+            let along = [slope(sine, angle.stack_index), 0.0];
+            let responses = angle.channels.iter().map(|of| format!("{:.1}", 100.0 * of.at_nm(nm, along)));
             format!("{degrees} degrees {} %", responses.collect::<Vec<_>>().join(", "))
         };
+        let row = |nm: f64| [10.0, 20.0, 30.0].map(|degrees| at(nm, degrees)).join(", ");
+        let spectral = angle.channels.iter().map(Acceptance::nodes_nm).find(|nodes| !nodes.is_empty());
+        let rows = match spectral {
+            None => row(0.0),
+            Some(nodes) => {
+                nodes.iter().map(|nm| format!("at {nm} nm {}", row(*nm))).collect::<Vec<_>>().join("; ")
+            }
+        };
         lines.push(format!(
-            "  angles            response of each filter at its peak along rows {}; microlenses {shifted}; stack index {}",
-            [10.0, 20.0, 30.0].map(at).join(", "),
+            "  angles            response of each filter along rows {rows}; microlenses {shifted}; stack index {}",
             angle.stack_index
         ));
     }

@@ -1,4 +1,4 @@
-//! What the bands of a pass weigh in the planes of a column block.
+//! Weights of the bands of a pass in the planes of a column block.
 
 use super::super::Sensor;
 use super::super::field_weights::{FieldWeights, interpolated};
