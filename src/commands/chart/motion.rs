@@ -44,6 +44,7 @@ pub fn command(args: &MotionArgs) -> Result<()> {
             )));
         }
     };
+    let wavelengths_nm = chart.wavelengths_nm()?;
     let motion = motion(args, &chart, exposure_s, pitch_um)?;
     let bands: Vec<usize> = (0..chart.bands()).collect();
     let (chunks, reach) = (chart.chunk_memory(&bands), 2 * motion.margin_px() as u64);
@@ -72,7 +73,7 @@ pub fn command(args: &MotionArgs) -> Result<()> {
     attributes.insert("motion".into(), json!({ "exposure_s": exposure_s, "moments": motion.steps() }));
     attributes.extend(chart.light().map(|light| ("illuminant".to_owned(), json!(light))));
     let meta = ChartMeta {
-        wavelengths_nm: chart.wavelengths_nm()?,
+        wavelengths_nm,
         pitch_um: Some(pitch_um),
         film_size: chart.film_size(),
         units: chart.units().map(str::to_owned),
