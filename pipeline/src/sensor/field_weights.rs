@@ -183,12 +183,9 @@ impl SineWeights {
             let response = sensor.angle.as_ref().map(|angle| &angle.channels[channel]);
             let square = |k: usize| if count == 1 { 0.0 } else { last * k as f64 / (count - 1) as f64 };
             let nodes_nm = response.map(Acceptance::nodes_nm).unwrap_or_default();
-            let at = |part: usize, k: usize| match response.filter(|_| !nodes_nm.is_empty()) {
-                None => sensor.electron_weights(channel, bands, square(k)),
-                Some(of) => {
-                    let share = |nm: f64| of.share(part, nm);
-                    sensor.electron_weights_times(channel, bands, square(k), (nodes_nm, share))
-                }
+            let at = |part: usize, k: usize| {
+                let share = |nm: f64| response.map_or(1.0, |of| of.share(part, nm));
+                sensor.electron_weights_times(channel, bands, square(k), (nodes_nm, share))
             };
             let parts = response.map_or(1, |of| of.parts().len());
             let all: Vec<Vec<Vec<f64>>> =

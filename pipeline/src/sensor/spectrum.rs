@@ -79,21 +79,15 @@ impl Sensor {
 
     /// w_cb of a channel for the film's bands, ascending in wavelength, nm/J.
     pub fn band_weights(&self, channel: usize, bands_nm: &[f64]) -> Vec<f64> {
-        self.band_weights_at(channel, bands_nm, 0.0)
+        self.weights_times((channel, 0.0), bands_nm, (&[], |_| 1.0))
     }
 
-    /// Electrons per second of film values of 1, of which `factors` are the irradiances (W m⁻² nm⁻¹) in the bands, behind plates at the square of the sine of the angle of incidence.
-    pub(super) fn electron_weights(
-        &self,
-        channel: usize,
-        (bands_nm, factors): (&[f64], &[f64]),
-        sine_square: f64,
-    ) -> Vec<f64> {
-        let weights = self.band_weights_at(channel, bands_nm, sine_square);
-        std::iter::zip(weights, factors).map(|(w, f)| w * self.area_m2() * f).collect()
+    /// Electrons per second of film values of 1, of which `factors` are the irradiances (W m⁻² nm⁻¹) in the bands, in perpendicular light.
+    pub(super) fn electron_weights(&self, channel: usize, bands: (&[f64], &[f64])) -> Vec<f64> {
+        self.electron_weights_times(channel, bands, 0.0, (&[], |_| 1.0))
     }
 
-    /// [`Sensor::electron_weights`] with a factor `f` under the integral, linear between the wavelengths `nodes_nm` (exact behind at most one filter or plate).
+    /// Those behind plates at the square of the sine of the angle of incidence, with a factor `f` under the integral, linear between the wavelengths `nodes_nm` (exact behind at most one filter or plate).
     pub(super) fn electron_weights_times(
         &self,
         channel: usize,
@@ -103,11 +97,6 @@ impl Sensor {
     ) -> Vec<f64> {
         let weights = self.weights_times((channel, sine_square), bands_nm, linear);
         std::iter::zip(weights, factors).map(|(w, f)| w * self.area_m2() * f).collect()
-    }
-
-    /// [`Sensor::band_weights`] behind plates at the square of the sine of the angle of incidence.
-    fn band_weights_at(&self, channel: usize, bands_nm: &[f64], sine_square: f64) -> Vec<f64> {
-        self.weights_of((channel, sine_square), self.nodes_at(channel, sine_square), bands_nm, |_| 1.0)
     }
 
     /// [`Sensor::band_weights`] with a factor `f` under the integral, linear between the wavelengths `nodes_nm` (exact behind at most one filter).

@@ -14,7 +14,7 @@ pub struct BandWeights(pub(super) Vec<Vec<f64>>, pub(super) Option<Arc<FieldWeig
 impl BandWeights {
     /// Electrons per second of a mean spectral irradiance (W m⁻² nm⁻¹), times `factors`, the irradiance of a film value of 1 in each band.
     pub fn electrons(sensor: &Sensor, bands_nm: &[f64], factors: &[f64]) -> Self {
-        let of = |channel| sensor.electron_weights(channel, (bands_nm, factors), 0.0);
+        let of = |channel| sensor.electron_weights(channel, (bands_nm, factors));
         Self((0..sensor.channels.len()).map(of).collect(), None)
     }
 
