@@ -40,14 +40,14 @@ impl Csv {
         Ok(Self { path: path.into(), names, rows })
     }
 
-    /// Whether it has a column.
-    pub fn has_column(&self, name: &str) -> bool {
-        self.names.iter().any(|n| n == name)
+    /// Index of a column, if there is one of the name.
+    pub fn optional_column(&self, name: &str) -> Option<usize> {
+        self.names.iter().position(|n| n == name)
     }
 
     /// Index of a required column.
     pub fn column(&self, name: &str) -> Result<usize, ImportError> {
-        self.names.iter().position(|n| n == name).ok_or_else(|| {
+        self.optional_column(name).ok_or_else(|| {
             let names: Vec<_> = self.names.iter().take(12).map(|n| short(n)).collect();
             ImportError::file(&self.path, format!("has no column `{name}`, only {}", names.join(", ")))
         })

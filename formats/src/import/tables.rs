@@ -170,7 +170,7 @@ fn read_heights(path: &Path) -> Result<Vec<SparseBand>, ImportError> {
         ["wavelength_nm", "ideal_height_mm", "image_height_mm", "relative_illumination"]
             .map(|c| csv.column(c));
     let (nm, ideal, image, ri) = (nm?, ideal?, image?, ri?);
-    let cra = csv.has_column(CRA).then(|| csv.column(CRA)).transpose()?;
+    let cra = csv.optional_column(CRA);
     let (mut bands, mut waves): (Vec<SparseBand>, Vec<f64>) = (Vec::new(), Vec::new());
     for r in 0..csv.rows.len() {
         let [nm, ideal, image, ri] = [nm, ideal, image, ri].map(|c| csv.number(r, c));

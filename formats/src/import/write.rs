@@ -11,9 +11,6 @@ use pipeline::lens::{Lens, LensBand, PsfSample, PsfStack};
 use serde_json::{Value, json};
 use std::path::{Path, PathBuf};
 
-/// Heights of the directions of the light.
-const CONE_HEIGHTS: usize = 257;
-
 /// Tables of one wavelength at the field points of the source.
 #[derive(Clone, Debug, Default)]
 pub(super) struct SparseBand {
@@ -254,9 +251,7 @@ fn cones(band: &SparseBand, lens: &SparseLens) -> Result<Option<ConeTable>, Impo
     }
     let f_number = lens.f_number * (1.0 + lens.magnification.abs());
     let angle = Spline::mirrored(heights, &band.cra_deg, Parity::Odd);
-    let row = |height_mm: f64| [height_mm, angle.at(height_mm), f_number];
-    let rows: Vec<[f64; 3]> = equidistant(last_mm, CONE_HEIGHTS).into_iter().map(row).collect();
-    let table = ConeTable::of_chief_rays(&rows, last_mm);
+    let table = ConeTable::of_chief_rays(last_mm, |height_mm| (angle.at(height_mm), f_number));
     match ConeTable::from_directions(table.step_mm(), &table.directions().collect::<Vec<_>>()) {
         Ok(table) => Ok(Some(table)),
         Err(problem) => bad(problem),

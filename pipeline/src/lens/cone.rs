@@ -61,23 +61,18 @@ impl ConeTable {
         Self { step_mm, cones }
     }
 
-    /// Of rows of height (mm, from 0 on, ascending), chief-ray angle in air (degrees, positive away from the axis) and F-number N of the exit pupil, a circle, up to `last_mm`; linear between rows.
+    /// Of chief rays up to `last_mm`: at a height (mm), `chief_ray` has the angle θ in air (degrees, positive away from the axis) and the F-number N of the exit pupil, a circle.
     ///
     /// ```text
     /// centre sin θ, half axes  a = cos³θ/(2N) along the meridian,  b = cos θ/(2N) across
     /// ```
     ///
     /// # Panics
-    /// Fewer than two rows; `last_mm` of 0 or less.
-    pub fn of_chief_rays(rows: &[[f64; 3]], last_mm: f64) -> Self {
-        let end_mm = rows[rows.len() - 1][0];
+    /// `last_mm` of 0 or less.
+    pub fn of_chief_rays(last_mm: f64, chief_ray: impl Fn(f64) -> (f64, f64)) -> Self {
         let step_mm = last_mm / (CHIEF_RAYS - 1) as f64;
         let at = |k: usize| {
-            let height = (step_mm * k as f64).min(end_mm);
-            let i = rows.partition_point(|row| row[0] <= height).clamp(1, rows.len() - 1);
-            let (a, b) = (rows[i - 1], rows[i]);
-            let t = (height - a[0]) / (b[0] - a[0]);
-            let [_, cra_deg, f_number] = std::array::from_fn(|c| a[c] + t * (b[c] - a[c]));
+            let (cra_deg, f_number) = chief_ray(step_mm * k as f64);
             let (sine, cosine) = (real::sin(cra_deg.to_radians()), real::cos(cra_deg.to_radians()));
             let half = 0.5 / f_number;
             let (tangential, sagittal) = (half * cosine * cosine * cosine, half * cosine);

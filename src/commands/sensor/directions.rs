@@ -205,5 +205,12 @@ fn of_table(path: &Path, reach_mm: f64) -> Result<ConeTable> {
             path.display()
         )));
     }
-    Ok(ConeTable::of_chief_rays(&rows, reach_mm))
+    let chief_ray = |height_mm: f64| {
+        let height = height_mm.min(last);
+        let i = rows.partition_point(|row| row[0] <= height).clamp(1, rows.len() - 1);
+        let (a, b) = (rows[i - 1], rows[i]);
+        let t = (height - a[0]) / (b[0] - a[0]);
+        (a[1] + t * (b[1] - a[1]), a[2] + t * (b[2] - a[2]))
+    };
+    Ok(ConeTable::of_chief_rays(reach_mm, chief_ray))
 }
