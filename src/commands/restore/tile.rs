@@ -26,9 +26,9 @@ const PLACE_STEPS: usize = 8;
 const MARGIN_PX: usize = 4;
 /// Iterations of the solver, at most.
 const MAX_ITERATIONS: usize = 100;
-/// Steps of total variation, at most, and the change of a pixel in a step that ends them over the tolerance.
-const MAX_STEPS: usize = 200;
-const STILL: f64 = 30.0;
+/// Steps of total variation, at most, and the change of a pixel in a step that ends them, of the tolerance: hundreds of steps that change it alike follow.
+const MAX_STEPS: usize = 2000;
+const STILL: f64 = 0.05;
 
 /// Strength of regularisation.
 #[derive(Clone, Copy, Debug, PartialEq)]
