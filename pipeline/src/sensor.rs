@@ -38,6 +38,7 @@ pub mod diffusion;
 pub mod dual_gain;
 pub mod emva;
 pub mod exposure;
+mod field_sums;
 pub mod field_weights;
 pub mod figures;
 pub mod flicker;

@@ -97,9 +97,19 @@ impl SlopeTable {
     }
 
     fn at(&self, slope: f64) -> f64 {
+        self.at_near(slope, &mut 0)
+    }
+
+    /// The value at `slope`; `above` becomes the index of the first slope above it, and is best near it before.
+    fn at_near(&self, slope: f64, above: &mut usize) -> f64 {
         let (x, y) = (&self.slopes, &self.values);
-        let i = x.partition_point(|v| *v <= slope);
-        match i {
+        while *above < x.len() && x[*above] <= slope {
+            *above += 1;
+        }
+        while *above > 0 && x[*above - 1] > slope {
+            *above -= 1;
+        }
+        match *above {
             0 => y[0],
             i if i == x.len() => y[i - 1],
             i => y[i - 1] + (y[i] - y[i - 1]) * ((slope - x[i - 1]) / (x[i] - x[i - 1])),
@@ -146,17 +156,33 @@ impl Acceptance {
         }
     }
 
-    /// The response at slopes to the right and down, 1 at 0, of one of its [`Acceptance::parts`].
-    pub(super) fn at(&self, [right, down]: [f64; 2]) -> f64 {
-        let square = right * right + down * down;
+    /// The response at a slope (right, down), 1 at 0, of one of its [`Acceptance::parts`].
+    pub(super) fn at(&self, slope: [f64; 2]) -> f64 {
+        let mut response = [0.0];
+        self.at_all(&[slope], &mut response);
+        response[0]
+    }
+
+    /// Fills `out` with the responses at `slopes`, as [`Acceptance::at`]; fastest if slopes are near the ones before.
+    pub(super) fn at_all(&self, slopes: &[[f64; 2]], out: &mut [f64]) {
+        let square = |[right, down]: &[f64; 2]| right * right + down * down;
+        let all = out.iter_mut().zip(slopes);
         match self {
-            Self::Model { half_slope, half_exponent } => {
-                let ratio = square / (half_slope * half_slope);
+            Self::Model { half_slope, half_exponent } => all.for_each(|(to, slope)| {
+                let ratio = square(slope) / (half_slope * half_slope);
                 let power = (1..*half_exponent).fold(ratio, |power, _| power * ratio);
-                exp(-LN_2 * power)
+                *to = exp(-LN_2 * power);
+            }),
+            Self::Radial(table) => {
+                let mut above = 0;
+                all.for_each(|(to, slope)| *to = table.at_near(square(slope).sqrt(), &mut above));
             }
-            Self::Radial(table) => table.at(square.sqrt()),
-            Self::Separable { horizontal, vertical } => horizontal.at(right) * vertical.at(down),
+            Self::Separable { horizontal, vertical } => {
+                let (mut i, mut k) = (0, 0);
+                all.for_each(|(to, [right, down])| {
+                    *to = horizontal.at_near(*right, &mut i) * vertical.at_near(*down, &mut k);
+                });
+            }
             Self::Spectral { .. } => unreachable!("a part has one response"),
         }
     }
@@ -199,7 +225,7 @@ impl AngularResponse {
     }
 
     /// The slope for which the microlens at `height_mm` is shifted; `chief` is that of the lens there.
-    fn shift(&self, height_mm: f64, chief: f64) -> f64 {
+    pub(super) fn shift(&self, height_mm: f64, chief: f64) -> f64 {
         let sine = match &self.microlenses {
             Microlenses::Centred => return 0.0,
             Microlenses::OfLens => chief,
@@ -212,17 +238,9 @@ impl AngularResponse {
         slope(sine, self.stack_index)
     }
 
-    /// Slope (right, down) of the ray `direction` (right, down) from that for which the microlens is shifted, at the place `(height_mm, away)`, of which `away` (right, down) is the unit
-    /// vector away from the axis.
-    pub(super) fn slope_of(
-        &self,
-        direction: [f64; 2],
-        (height_mm, away): (f64, [f64; 2]),
-        chief: f64,
-    ) -> [f64; 2] {
-        let [x, y] = direction;
+    /// Slope (right, down) of the ray `direction` (right, down) from `shift` along `away` (right, down), the unit vector away from the axis.
+    pub(super) fn slope_of(&self, [x, y]: [f64; 2], (shift, away): (f64, [f64; 2])) -> [f64; 2] {
         let per_sine = 1.0 / (self.stack_index * self.stack_index - x * x - y * y).sqrt();
-        let shift = self.shift(height_mm, chief);
         [x * per_sine - shift * away[0], y * per_sine - shift * away[1]]
     }
 
@@ -369,14 +387,14 @@ mod tests {
             ],
         };
         let centred = AngularResponse { microlenses: Microlenses::Centred, ..response.clone() };
-        let slope_of_half = centred.slope_of([0.24, 0.32], (5.0, [1.0, 0.0]), 0.3);
+        let slope_of_half = centred.slope_of([0.24, 0.32], (centred.shift(5.0, 0.3), [1.0, 0.0]));
         for found in centred.channels.iter().map(|channel| channel.at(slope_of_half)) {
             assert!((found - 0.5).abs() < 1e-15, "{found}");
         }
         assert_eq!(centred.first_alike(), [0, 1]);
         // The chief ray at 45 degrees to the rows.
         let away = [0.6, 0.8];
-        let matched = response.slope_of([0.3 * 0.6, 0.3 * 0.8], (5.0, away), 0.3);
+        let matched = response.slope_of([0.3 * 0.6, 0.3 * 0.8], (response.shift(5.0, 0.3), away));
         for found in response.channels.iter().map(|channel| channel.at(matched)) {
             assert!((found - 1.0).abs() < 1e-15, "{found}");
         }

@@ -8,12 +8,14 @@
 //! perpendicular light along both axes: so a response that is 1 everywhere leaves the weights bit for bit. A pixel's weight depends on its place on the sensor, not on windows, blocks and threads.
 
 use super::Sensor;
-use super::angle::{Acceptance, AngularResponse, disc, in_cone};
+use super::angle::{Acceptance, disc, in_cone};
+use super::field_sums::Columns;
 use crate::geometry::Size;
 use crate::lens::cone::ConeTable;
 use crate::parts::for_each_part;
 use crate::spline::lagrange_weights;
 use std::convert::Infallible;
+use std::ops::Range;
 
 /// Cells along the longer side of a sensor, and along the other one at least.
 const CELLS: (usize, usize) = (48, 4);
@@ -71,8 +73,12 @@ impl FieldWeights {
         let done: Result<(), Infallible> = for_each_part(
             threads,
             found.chunks_exact_mut(columns * channels * bands).enumerate(),
-            || vec![Vec::new(); channels],
-            |responses, (row, out)| {
+            || Directions {
+                slopes: Vec::new(),
+                taps: Vec::new(),
+                responses: vec![vec![vec![1.0; nodes.len()]]; channels],
+            },
+            |directions, (row, out)| {
                 for (column, out) in out.chunks_exact_mut(channels * bands).enumerate() {
                     let mm = |node: usize, cells: usize, n: usize, centre: f64| {
                         (node as f64 / cells as f64 - 0.5) * n as f64 * placement.pitch_mm + centre
@@ -80,7 +86,7 @@ impl FieldWeights {
                     let y = mm(row, cells.0, size.height, placement.centre_mm.0);
                     let x = mm(column, cells.1, size.width, placement.centre_mm.1);
                     for (band, cones) in cones.iter().enumerate() {
-                        weights.at_node(sensor, (band, cones), (x, y), &nodes, responses, out);
+                        weights.at_node(sensor, (band, cones), (x, y), &nodes, directions, out);
                     }
                 }
                 Ok(())
@@ -94,36 +100,36 @@ impl FieldWeights {
         Self { size, cells, differences }
     }
 
-    /// First node and weights of the four along the rows of a sensor for each of `columns`.
-    pub(super) fn column_taps(&self, columns: impl Iterator<Item = usize>) -> Vec<(usize, [f64; 4])> {
-        columns.map(|column| taps(middle(column), self.size.width, self.cells.1)).collect()
+    /// `columns` of a sensor between the nodes.
+    pub(super) fn columns(&self, columns: Range<usize>) -> Columns {
+        Columns::new(columns.map(|column| taps(middle(column), self.size.width, self.cells.1)))
     }
 
-    /// Along the row `row` of the sensor at the nodes of its columns: what `channel` and `band` have beside their weights for perpendicular light.
-    pub(super) fn line(&self, of: (usize, usize), row: usize, out: &mut Vec<f64>) {
-        self.line_at(of, middle(row), out);
+    /// Along the row `row` of the sensor at the nodes `nodes` of its columns: what `channel` and `band` have beside their weights for perpendicular light.
+    pub(super) fn line(&self, of: (usize, usize), row: usize, nodes: Range<usize>, out: &mut Vec<f64>) {
+        self.line_at(of, middle(row), nodes, out);
     }
 
-    fn line_at(&self, (channel, band): (usize, usize), y: f64, out: &mut Vec<f64>) {
+    fn line_at(&self, (channel, band): (usize, usize), y: f64, nodes: Range<usize>, out: &mut Vec<f64>) {
         let (first, weights) = taps(y, self.size.height, self.cells.0);
         let columns = self.cells.1 + 1;
         let rows = &self.differences[channel][band][first * columns..];
         let at = |k: usize, column: usize| weights[k] * rows[k * columns + column];
         out.clear();
-        out.extend((0..columns).map(|x| (at(0, x) + at(1, x)) + (at(2, x) + at(3, x))));
+        out.extend(nodes.map(|x| (at(0, x) + at(1, x)) + (at(2, x) + at(3, x))));
     }
 
     /// W − w of channel and band `of` at a place of the sensor in pixels from its first edges, down and right.
     pub fn difference_at(&self, of: (usize, usize), y: f64, x: f64) -> f64 {
         let mut line = Vec::new();
-        self.line_at(of, y, &mut line);
+        self.line_at(of, y, 0..self.cells.1 + 1, &mut line);
         interpolated(&line, &taps(x, self.size.width, self.cells.1))
     }
 }
 
 /// The value between nodes of a line.
 #[inline]
-pub(super) fn interpolated(line: &[f64], (first, weights): &(usize, [f64; 4])) -> f64 {
+fn interpolated(line: &[f64], (first, weights): &(usize, [f64; 4])) -> f64 {
     let v = &line[*first..][..4];
     (weights[0] * v[0] + weights[1] * v[1]) + (weights[2] * v[2] + weights[3] * v[3])
 }
@@ -201,7 +207,10 @@ impl SineWeights {
         Self {
             last,
             parts: (0..sensor.channels.len()).map(of_channel).collect(),
-            alike: sensor.angle.as_ref().map_or_else(Vec::new, AngularResponse::first_alike),
+            alike: match &sensor.angle {
+                Some(angle) => angle.first_alike(),
+                None => vec![0; sensor.channels.len()],
+            },
         }
     }
 
@@ -217,41 +226,55 @@ impl SineWeights {
         (band, cones): (usize, &ConeTable),
         (x, y): (f64, f64),
         nodes: &[([f64; 2], f64)],
-        responses: &mut [Vec<f64>],
+        directions: &mut Directions,
         out: &mut [f64],
     ) {
         let height_mm = (x * x + y * y).sqrt();
         let away = if height_mm > 0.0 { [x / height_mm, y / height_mm] } else { [1.0, 0.0] };
         let cone = cones.at(height_mm);
-        let bands = out.len() / responses.len();
-        for (at, share) in nodes {
-            let [l, m] = in_cone(&cone, *at);
-            let direction = [l * away[0] - m * away[1], l * away[1] + m * away[0]];
-            match &sensor.angle {
-                Some(angle) => {
-                    let slope = angle.slope_of(direction, (height_mm, away), cone.chief);
-                    for (c, alike) in self.alike.iter().enumerate() {
-                        let (before, own) = responses.split_at_mut(c);
-                        own[0].clear();
-                        match before.get(*alike) {
-                            Some(same) => own[0].extend_from_slice(same),
-                            None => {
-                                own[0].extend(angle.channels[c].parts().iter().map(|part| part.at(slope)))
-                            }
-                        }
-                    }
-                }
-                None => responses.fill(vec![1.0]),
+        let bands = out.len() / self.alike.len();
+        let Directions { slopes, taps, responses } = directions;
+        if !sensor.plates.is_empty() {
+            taps.clear();
+            taps.extend(nodes.iter().map(|(at, _)| {
+                let [l, m] = in_cone(&cone, *at);
+                self.taps(l * l + m * m)
+            }));
+        }
+        if let Some(angle) = &sensor.angle {
+            let shift = angle.shift(height_mm, cone.chief);
+            slopes.clear();
+            slopes.extend(nodes.iter().map(|(at, _)| {
+                let [l, m] = in_cone(&cone, *at);
+                let direction = [l * away[0] - m * away[1], l * away[1] + m * away[0]];
+                angle.slope_of(direction, (shift, away))
+            }));
+            for (c, own) in responses.iter_mut().enumerate().filter(|(c, _)| self.alike[*c] == *c) {
+                own.resize_with(angle.channels[c].parts().len(), || vec![0.0; nodes.len()]);
+                let parts = angle.channels[c].parts().iter().zip(own);
+                parts.for_each(|(part, own)| part.at_all(slopes, own));
             }
-            let taps = (!sensor.plates.is_empty()).then(|| self.taps(l * l + m * m));
-            for (channel, responses) in responses.iter().enumerate() {
+        }
+        for (channel, alike) in self.alike.iter().enumerate() {
+            let (responses, to) = (&responses[*alike], &mut out[channel * bands + band]);
+            for (i, (_, share)) in nodes.iter().enumerate() {
                 for PartWeights { part, values } in &self.parts[channel][band] {
-                    let weight = taps.as_ref().map_or(values[0], |taps| interpolated(values, taps));
-                    out[channel * bands + band] += share * (responses[*part] * weight - values[0]);
+                    let weight = taps.get(i).map_or(values[0], |taps| interpolated(values, taps));
+                    *to += share * (responses[*part][i] * weight - values[0]);
                 }
             }
         }
     }
+}
+
+/// The directions of a cone.
+struct Directions {
+    /// Their slopes (right, down) in the layers.
+    slopes: Vec<[f64; 2]>,
+    /// The weights behind plates around them; empty without plates.
+    taps: Vec<(usize, [f64; 4])>,
+    /// By channel and part of its response, where no channel before is alike; 1 without responses.
+    responses: Vec<Vec<Vec<f64>>>,
 }
 
 #[cfg(test)]

@@ -9,6 +9,7 @@
 //! Same bits: a pixel's sum runs over film rows, then film columns, then bands, each ascending, for any blocks and threads.
 
 use super::Sensor;
+use super::field_sums::{Columns, RowNodes};
 use super::lanes::Set;
 use super::pixels::Taps;
 use super::row_sums::{add_weighed, multiply, tile};
@@ -56,8 +57,8 @@ struct ColumnBlock {
     columns: Range<usize>,
     /// Film columns in their sums.
     film: Range<usize>,
-    /// Nodes of each plane's field around each column.
-    nodes: Vec<Vec<(usize, [f64; 4])>>,
+    /// By plane: the nodes of its weights around them, where these differ over the sensor.
+    nodes: Vec<Option<Columns>>,
     /// Sums over film rows of unfinished sensor rows: band, sensor row, film column.
     carry: Vec<f64>,
 }
@@ -79,8 +80,8 @@ struct Scratch {
     factors: Vec<f32>,
     /// Terms of a row in the first plane by band.
     products: Vec<f32>,
-    /// Where they differ over the sensor: what they have in addition at the nodes along a row, by column of the mosaic.
-    lines: Vec<Vec<f64>>,
+    /// Weights of a row by plane, where they differ over the sensor.
+    fields: Vec<RowNodes>,
 }
 
 /// Rows that a pass delivers: the first (of the window), and for each plane their pixels.
@@ -246,7 +247,7 @@ impl Pass<'_> {
         scratch: &mut Scratch,
         carry: &mut [f64],
     ) {
-        let Scratch { film, sum, means, total, corrected, weights, factors, products, lines } = scratch;
+        let Scratch { film, sum, means, total, corrected, weights, factors, products, fields } = scratch;
         let (n, across) = (column_block.columns.len(), column_block.film.len());
         let (begun, open) = (block.begun.len(), block.open.len());
         let area = block.film.len() * across;
@@ -256,9 +257,10 @@ impl Pass<'_> {
         for row in block.finished.start..block.open.end {
             let finished = row < block.finished.end;
             if finished {
-                self.weigh_row(&bands, row, column_block, weights, lines);
+                self.weigh_row(&bands, row, column_block, fields);
             }
-            let mut add = RowAdder { weights, factors, products, total, corrected };
+            let nodes = &column_block.nodes;
+            let mut add = RowAdder { weights, nodes, fields, factors, products, total, corrected };
             let own = (row - block.finished.start, block.finished.len());
             if copies {
                 let first = (self.rows.range(row).start - block.film.start) * across;
@@ -314,27 +316,35 @@ impl Pass<'_> {
     ) {
         let (pattern, n, bands) = (&self.sensor.pattern, lines[0].len(), lines.len());
         let phase = (self.window.y as usize + row) % pattern.rows;
+        let tile = tile(pattern.columns);
+        if !self.corrections.is_empty() {
+            add.products.resize(bands * n, 0.0);
+        }
         for plane in 0..self.planes.len() {
-            let (weights, tile) = self.row_weights(&add.weights[plane], phase, bands);
             let to = &mut add.total[(plane * rows + own) * n..][..n];
+            // The corrections are those of the first plane.
+            let products = if plane == 0 { &mut add.products[..] } else { &mut [] };
+            if let Some(columns) = &add.nodes[plane] {
+                let row = &add.fields[plane];
+                Set::detect().run(
+                    #[inline(always)]
+                    || columns.add(row, lines, to, products),
+                );
+                continue;
+            }
+            let weights = self.row_weights(&add.weights[plane], phase, bands);
             Set::detect().run(
                 #[inline(always)]
                 || add_weighed((weights, tile), lines, to),
             );
-        }
-        if self.corrections.is_empty() {
-            return;
-        }
-        add.products.resize(bands * n, 0.0);
-        let (weights, own_tile) = self.row_weights(&add.weights[0], phase, bands);
-        for ((weights, line), out) in weights.chunks(own_tile).zip(lines).zip(add.products.chunks_mut(n)) {
-            Set::detect().run(
-                #[inline(always)]
-                || multiply(weights, line, out),
-            );
+            for ((weights, line), out) in weights.chunks(tile).zip(lines).zip(products.chunks_mut(n)) {
+                Set::detect().run(
+                    #[inline(always)]
+                    || multiply(weights, line, out),
+                );
+            }
         }
         let products: Vec<&[f32]> = add.products.chunks(n).collect();
-        let tile = tile(pattern.columns);
         for correction in 0..self.corrections.len() {
             let first = (phase * self.corrections.len() + correction) * bands * tile;
             let factors = &add.factors[first..][..bands * tile];
@@ -359,6 +369,8 @@ impl Pass<'_> {
 /// Weights and totals of a row.
 struct RowAdder<'a> {
     weights: &'a [Vec<f64>],
+    nodes: &'a [Option<Columns>],
+    fields: &'a [RowNodes],
     factors: &'a [f32],
     products: &'a mut Vec<f32>,
     total: &'a mut [f64],

@@ -1,7 +1,8 @@
 //! Weights of the bands of a pass in the planes of a column block.
 
 use super::super::Sensor;
-use super::super::field_weights::{FieldWeights, interpolated};
+use super::super::field_sums::{Columns, RowNodes};
+use super::super::field_weights::FieldWeights;
 use super::super::row_sums::tile;
 use super::{ColumnBlock, Pass};
 use std::ops::Range;
@@ -31,25 +32,19 @@ impl BandWeights {
 }
 
 impl Pass<'_> {
-    /// Nodes of the field of `plane` around `columns` of the window.
-    pub(super) fn nodes(&self, plane: &BandWeights, columns: &Range<usize>) -> Vec<(usize, [f64; 4])> {
+    /// `columns` of the window among the nodes of the field of `plane`.
+    pub(super) fn nodes(&self, plane: &BandWeights, columns: &Range<usize>) -> Option<Columns> {
         let first = self.window.x as usize;
-        let of = |field: &Arc<FieldWeights>| field.column_taps(columns.clone().map(|x| first + x));
-        plane.1.as_ref().map_or_else(Vec::new, of)
+        plane.1.as_ref().map(|field| field.columns(first + columns.start..first + columns.end))
     }
 
-    /// Weights of bands in a row of the mosaic, of a plane's `weights`, and the columns of their tiles.
-    pub(super) fn row_weights<'w>(
-        &self,
-        weights: &'w [f64],
-        phase: usize,
-        bands: usize,
-    ) -> (&'w [f64], usize) {
-        let of_row = weights.len() / self.sensor.pattern.rows;
-        (&weights[phase * of_row..][..of_row], of_row / bands)
+    /// Weights of bands in a row of the mosaic, of a plane's `weights`: a tile for each band.
+    pub(super) fn row_weights<'w>(&self, weights: &'w [f64], phase: usize, bands: usize) -> &'w [f64] {
+        let of_row = bands * tile(self.sensor.pattern.columns);
+        &weights[phase * of_row..][..of_row]
     }
 
-    /// Weights of bands for the columns of a column block by plane: row by row of the mosaic, band by band, a tile, or all columns where they differ over the sensor.
+    /// Weights of bands for the columns of a column block by plane: row by row of the mosaic, band by band, a tile; none where they differ over the sensor.
     pub(super) fn weigh_columns(
         &self,
         bands: &Range<usize>,
@@ -60,15 +55,14 @@ impl Pass<'_> {
         let first = self.window.x as usize + column_block.columns.start;
         weights.resize_with(self.planes.len(), Vec::new);
         for (plane, weights) in self.planes.iter().zip(weights) {
-            let columns = match plane.1 {
-                None => tile(pattern.columns),
-                Some(_) => column_block.columns.len(),
-            };
             weights.clear();
+            if plane.1.is_some() {
+                continue;
+            }
             for row in 0..pattern.rows {
                 for band in bands.clone() {
                     let of = |x: usize| plane.0[pattern.channel(row, first + x)][band];
-                    weights.extend((0..columns).map(of));
+                    weights.extend((0..tile(pattern.columns)).map(of));
                 }
             }
         }
@@ -89,35 +83,22 @@ impl Pass<'_> {
         }
     }
 
-    /// Weights of row `row` of the window, where they differ over the sensor.
+    /// Weights of row `row` of the window by plane, where they differ over the sensor.
     pub(super) fn weigh_row(
         &self,
         bands: &Range<usize>,
         row: usize,
         column_block: &ColumnBlock,
-        weights: &mut [Vec<f64>],
-        lines: &mut Vec<Vec<f64>>,
+        fields: &mut Vec<RowNodes>,
     ) {
-        let (pattern, n) = (&self.sensor.pattern, column_block.columns.len());
+        let pattern = &self.sensor.pattern;
         let row = self.window.y as usize + row;
-        let phase = row % pattern.rows;
-        let channels = &pattern.channels[phase * pattern.columns..][..pattern.columns];
         let first = self.window.x as usize + column_block.columns.start;
-        for ((plane, nodes), weights) in self.planes.iter().zip(&column_block.nodes).zip(weights) {
-            let Some(field) = &plane.1 else { continue };
-            lines.resize_with(pattern.columns, Vec::new);
-            let own = &mut weights[phase * bands.len() * n..][..bands.len() * n];
-            for (band, to) in bands.clone().zip(own.chunks_mut(n)) {
-                for (line, channel) in lines.iter_mut().zip(channels) {
-                    field.line((*channel, band), row, line);
-                }
-                // Column by column of the mosaic.
-                for (column, line) in lines.iter().enumerate() {
-                    let begin = (column + pattern.columns - first % pattern.columns) % pattern.columns;
-                    let uniform = plane.0[channels[column]][band];
-                    let own = to.iter_mut().zip(nodes).skip(begin).step_by(pattern.columns);
-                    own.for_each(|(to, taps)| *to = uniform + interpolated(line, taps));
-                }
+        let channels: Vec<usize> = (0..pattern.columns).map(|x| pattern.channel(row, first + x)).collect();
+        fields.resize_with(self.planes.len(), RowNodes::default);
+        for ((plane, columns), own) in self.planes.iter().zip(&column_block.nodes).zip(fields) {
+            if let (Some(field), Some(columns)) = (&plane.1, columns) {
+                own.set((field, &plane.0), bands.clone(), (row, columns), &channels);
             }
         }
     }
