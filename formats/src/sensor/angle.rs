@@ -13,7 +13,7 @@ use pipeline::bounds::WAVELENGTH_NM;
 use pipeline::real;
 use pipeline::sensor::Curve;
 use pipeline::sensor::angle::{
-    Acceptance, AngularResponse, Microlenses, Plate, PlateKind, SlopeTable, radians, slope,
+    Acceptance, AngularResponse, Microlenses, Plate, PlateKind, Response, SlopeTable, radians, slope,
 };
 use serde::{Deserialize, Serialize};
 
@@ -134,7 +134,7 @@ impl AngleFile {
                     Microlenses::Table(height_mm.iter().copied().zip(sines).collect())
                 }
             },
-            channels: self.channels.iter().map(|channel| channel.response(n)).collect(),
+            channels: self.channels.iter().map(|channel| channel.acceptance(n)).collect(),
         }
     }
 }
@@ -178,27 +178,28 @@ impl AcceptanceFile {
         }
     }
 
-    /// The response in layers of the index `stack_index`.
-    fn response(&self, stack_index: f64) -> Acceptance {
+    /// The responses in layers of the index `stack_index`.
+    fn acceptance(&self, stack_index: f64) -> Acceptance {
         let table = |angle_deg: &[f64], values: &[f64]| {
             let sines: Vec<f64> = angle_deg.iter().map(|deg| sine(*deg)).collect();
             SlopeTable::new(&sines, values, stack_index)
         };
-        match self {
-            Self::Model { acceptance_deg, exponent } => Acceptance::Model {
+        let response = match self {
+            Self::Model { acceptance_deg, exponent } => Response::Model {
                 half_slope: slope(sine(*acceptance_deg), stack_index),
                 half_exponent: exponent / 2,
             },
-            Self::Radial { angle_deg, response } => Acceptance::Radial(table(angle_deg, response)),
-            Self::Separable { angle_deg, horizontal, vertical } => Acceptance::Separable {
+            Self::Radial { angle_deg, response } => Response::Radial(table(angle_deg, response)),
+            Self::Separable { angle_deg, horizontal, vertical } => Response::Separable {
                 horizontal: table(angle_deg, horizontal),
                 vertical: table(angle_deg, vertical),
             },
-            Self::Spectral { wavelength_nm, tables } => Acceptance::Spectral {
-                wavelengths_nm: wavelength_nm.clone(),
-                responses: tables.iter().map(|of| of.response(stack_index)).collect(),
-            },
-        }
+            Self::Spectral { wavelength_nm, tables } => {
+                let responses = tables.iter().flat_map(|of| of.acceptance(stack_index).responses);
+                return Acceptance { wavelengths_nm: wavelength_nm.clone(), responses: responses.collect() };
+            }
+        };
+        response.into()
     }
 }
 

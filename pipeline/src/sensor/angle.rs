@@ -53,7 +53,16 @@ pub enum Microlenses {
 
 /// Response of a channel over the slope in the layers.
 #[derive(Clone, Debug, PartialEq)]
-pub enum Acceptance {
+pub struct Acceptance {
+    /// Wavelengths of the responses, ascending, nm; none for one that is the same at all.
+    pub wavelengths_nm: Vec<f64>,
+    /// The responses.
+    pub responses: Vec<Response>,
+}
+
+/// A response over slopes, 1 at 0.
+#[derive(Clone, Debug, PartialEq)]
+pub enum Response {
     /// 2^−(|v|/v_½)^k.
     Model {
         /// v_½.
@@ -70,16 +79,15 @@ pub enum Acceptance {
         /// Over slopes down.
         vertical: SlopeTable,
     },
-    /// Such responses at some wavelengths.
-    Spectral {
-        /// The wavelengths, ascending, nm.
-        wavelengths_nm: Vec<f64>,
-        /// The response at each.
-        responses: Vec<Self>,
-    },
 }
 
-/// A response over slopes, 1 at 0.
+impl From<Response> for Acceptance {
+    fn from(response: Response) -> Self {
+        Self { wavelengths_nm: Vec::new(), responses: vec![response] }
+    }
+}
+
+/// Values over slopes, 1 at 0.
 #[derive(Clone, Debug, PartialEq)]
 pub struct SlopeTable {
     slopes: Vec<f64>,
@@ -125,45 +133,40 @@ pub fn slope(sine: f64, index: f64) -> f64 {
 impl Acceptance {
     /// The response at a wavelength and slopes to the right and down, 1 at 0.
     pub fn at_nm(&self, nm: f64, slope: [f64; 2]) -> f64 {
-        let shares = (0..).map(|part| self.share(part, nm));
-        std::iter::zip(self.parts(), shares).map(|(part, share)| share * part.at(slope)).sum()
+        let of = |(k, response): (usize, &Response)| self.share(k, nm) * response.at(slope);
+        self.responses.iter().enumerate().map(of).sum()
     }
 
-    /// Its responses, of which it has [`Acceptance::share`] at a wavelength: itself where it is the same at all.
-    pub fn parts(&self) -> &[Self] {
-        match self {
-            Self::Spectral { responses, .. } => responses,
-            alike => std::slice::from_ref(alike),
-        }
-    }
-
-    /// Share of its response `part` at a wavelength.
-    pub fn share(&self, part: usize, nm: f64) -> f64 {
-        let (x, last) = (self.nodes_nm(), self.parts().len() - 1);
-        let to = |other: usize| ((nm - x[other]) / (x[part] - x[other])).max(0.0);
-        match x.get(part) {
-            Some(own) if nm < *own && part > 0 => to(part - 1),
-            Some(own) if nm > *own && part < last => to(part + 1),
+    /// Share of response `number` at a wavelength: linear between theirs.
+    pub fn share(&self, number: usize, nm: f64) -> f64 {
+        let (x, last) = (&self.wavelengths_nm, self.responses.len() - 1);
+        let to = |other: usize| ((nm - x[other]) / (x[number] - x[other])).max(0.0);
+        match x.get(number) {
+            Some(own) if nm < *own && number > 0 => to(number - 1),
+            Some(own) if nm > *own && number < last => to(number + 1),
             _ => 1.0,
         }
     }
 
-    /// Wavelengths between which the shares are linear, nm.
-    pub fn nodes_nm(&self) -> &[f64] {
-        match self {
-            Self::Spectral { wavelengths_nm, .. } => wavelengths_nm,
-            _ => &[],
+    /// Adds all numbers that determine it.
+    fn add_numbers(&self, numbers: &mut Vec<f64>) {
+        if !self.wavelengths_nm.is_empty() {
+            numbers.extend([-3.0, self.responses.len() as f64]);
+            numbers.extend(&self.wavelengths_nm);
         }
+        self.responses.iter().for_each(|response| response.add_numbers(numbers));
     }
+}
 
-    /// The response at a slope (right, down), 1 at 0, of one of its [`Acceptance::parts`].
+impl Response {
+    /// At a slope (right, down).
     pub(super) fn at(&self, slope: [f64; 2]) -> f64 {
         let mut response = [0.0];
         self.at_all(&[slope], &mut response);
         response[0]
     }
 
-    /// Fills `out` with the responses at `slopes`, as [`Acceptance::at`]; fastest if slopes are near the ones before.
+    /// Fills `out` with the responses at `slopes`; fastest if slopes are near the ones before.
     pub(super) fn at_all(&self, slopes: &[[f64; 2]], out: &mut [f64]) {
         let square = |[right, down]: &[f64; 2]| right * right + down * down;
         let all = out.iter_mut().zip(slopes);
@@ -183,7 +186,6 @@ impl Acceptance {
                     *to = horizontal.at_near(*right, &mut i) * vertical.at_near(*down, &mut k);
                 });
             }
-            Self::Spectral { .. } => unreachable!("a part has one response"),
         }
     }
 
@@ -199,11 +201,6 @@ impl Acceptance {
             }
             Self::Radial(table) => tables(-1.0, &[table]),
             Self::Separable { horizontal, vertical } => tables(-2.0, &[horizontal, vertical]),
-            Self::Spectral { wavelengths_nm, responses } => {
-                numbers.extend([-3.0, responses.len() as f64]);
-                numbers.extend(wavelengths_nm);
-                responses.iter().for_each(|response| response.add_numbers(numbers));
-            }
         }
     }
 }
@@ -382,20 +379,20 @@ mod tests {
             stack_index: 1.6,
             microlenses: Microlenses::OfLens,
             channels: vec![
-                Acceptance::Model { half_slope, half_exponent: 1 },
-                Acceptance::Model { half_slope, half_exponent: 3 },
+                Response::Model { half_slope, half_exponent: 1 }.into(),
+                Response::Model { half_slope, half_exponent: 3 }.into(),
             ],
         };
         let centred = AngularResponse { microlenses: Microlenses::Centred, ..response.clone() };
         let slope_of_half = centred.slope_of([0.24, 0.32], (centred.shift(5.0, 0.3), [1.0, 0.0]));
-        for found in centred.channels.iter().map(|channel| channel.at(slope_of_half)) {
+        for found in centred.channels.iter().map(|channel| channel.at_nm(550.0, slope_of_half)) {
             assert!((found - 0.5).abs() < 1e-15, "{found}");
         }
         assert_eq!(centred.first_alike(), [0, 1]);
         // The chief ray at 45 degrees to the rows.
         let away = [0.6, 0.8];
         let matched = response.slope_of([0.3 * 0.6, 0.3 * 0.8], (response.shift(5.0, 0.3), away));
-        for found in response.channels.iter().map(|channel| channel.at(matched)) {
+        for found in response.channels.iter().map(|channel| channel.at_nm(550.0, matched)) {
             assert!((found - 1.0).abs() < 1e-15, "{found}");
         }
         let table = Microlenses::Table(vec![(0.0, 0.0), (4.0, 0.2), (8.0, 0.3)]);
@@ -406,9 +403,9 @@ mod tests {
 
     #[test]
     fn a_spectral_response_is_linear_between_its_wavelengths_and_constant_beyond() {
-        let radial = |at_half: f64| Acceptance::Radial(SlopeTable::new(&[0.0, 0.5], &[1.0, at_half], 1.0));
+        let radial = |at_half: f64| Response::Radial(SlopeTable::new(&[0.0, 0.5], &[1.0, at_half], 1.0));
         let responses = vec![radial(0.2), radial(0.4), radial(1.0)];
-        let of = Acceptance::Spectral { wavelengths_nm: vec![450.0, 550.0, 600.0], responses };
+        let of = Acceptance { wavelengths_nm: vec![450.0, 550.0, 600.0], responses };
         let at = slope(0.5, 1.0);
         for (nm, expected) in [(400.0, 0.2), (475.0, 0.25), (550.0, 0.4), (590.0, 0.88), (700.0, 1.0)] {
             let found = of.at_nm(nm, [0.0, at]);

@@ -8,7 +8,7 @@
 //! perpendicular light along both axes: so a response that is 1 everywhere leaves the weights bit for bit. A pixel's weight depends on its place on the sensor, not on windows, blocks and threads.
 
 use super::Sensor;
-use super::angle::{Acceptance, disc, in_cone};
+use super::angle::{disc, in_cone};
 use super::field_sums::Columns;
 use crate::geometry::Size;
 use crate::lens::cone::ConeTable;
@@ -113,10 +113,13 @@ impl FieldWeights {
     fn line_at(&self, (channel, band): (usize, usize), y: f64, nodes: Range<usize>, out: &mut Vec<f64>) {
         let (first, weights) = taps(y, self.size.height, self.cells.0);
         let columns = self.cells.1 + 1;
-        let rows = &self.differences[channel][band][first * columns..];
-        let at = |k: usize, column: usize| weights[k] * rows[k * columns + column];
+        let rows = &self.differences[channel][band];
+        let [a, b, c, d]: [&[f64]; 4] =
+            std::array::from_fn(|k| &rows[(first + k) * columns..][..columns][nodes.clone()]);
+        let [e, f, g, h] = weights;
         out.clear();
-        out.extend(nodes.map(|x| (at(0, x) + at(1, x)) + (at(2, x) + at(3, x))));
+        let pairs = a.iter().zip(b).zip(c.iter().zip(d));
+        out.extend(pairs.map(|((a, b), (c, d))| (e * a + f * b) + (g * c + h * d)));
     }
 
     /// W − w of channel and band `of` at a place of the sensor in pixels from its first edges, down and right.
@@ -150,10 +153,10 @@ fn around(u: f64, cells: usize) -> (usize, [f64; 4]) {
     (cell as usize - 1, lagrange_weights(u - cell))
 }
 
-/// What a part of a response weighs.
-struct PartWeights {
-    /// Its number among [`Acceptance::parts`].
-    part: usize,
+/// Weights of a channel's light by one of its responses.
+struct ResponseWeights {
+    /// Its number.
+    response: usize,
     /// At the squares of the sine; one value without plates.
     values: Vec<f64>,
 }
@@ -162,8 +165,8 @@ struct PartWeights {
 struct SineWeights {
     /// The largest square.
     last: f64,
-    /// By channel and band: the parts of the response that have a share there.
-    parts: Vec<Vec<Vec<PartWeights>>>,
+    /// By channel and band: those of the responses that have a share there.
+    weights: Vec<Vec<Vec<ResponseWeights>>>,
     /// The first channel with the response of each.
     alike: Vec<usize>,
 }
@@ -186,27 +189,28 @@ impl SineWeights {
         let count = if sensor.plates.is_empty() { 1 } else { SINES };
         let bands = (bands_nm, scales);
         let of_channel = |channel: usize| {
-            let response = sensor.angle.as_ref().map(|angle| &angle.channels[channel]);
+            let acceptance = sensor.angle.as_ref().map(|angle| &angle.channels[channel]);
             let square = |k: usize| if count == 1 { 0.0 } else { last * k as f64 / (count - 1) as f64 };
-            let nodes_nm = response.map(Acceptance::nodes_nm).unwrap_or_default();
-            let at = |part: usize, k: usize| {
-                let share = |nm: f64| response.map_or(1.0, |of| of.share(part, nm));
+            let nodes_nm = acceptance.map_or(&[][..], |of| &of.wavelengths_nm);
+            let at = |response: usize, k: usize| {
+                let share = |nm: f64| acceptance.map_or(1.0, |of| of.share(response, nm));
                 sensor.electron_weights_times(channel, bands, square(k), (nodes_nm, share))
             };
-            let parts = response.map_or(1, |of| of.parts().len());
+            let responses = acceptance.map_or(1, |of| of.responses.len());
             let all: Vec<Vec<Vec<f64>>> =
-                (0..parts).map(|part| (0..count).map(|k| at(part, k)).collect()).collect();
-            let of_part =
-                |part: usize, band: usize| -> Vec<f64> { all[part].iter().map(|of| of[band]).collect() };
+                (0..responses).map(|of| (0..count).map(|k| at(of, k)).collect()).collect();
             let of_band = |band: usize| {
-                let of = (0..parts).map(|part| PartWeights { part, values: of_part(part, band) });
-                of.filter(|of| parts == 1 || of.values.iter().any(|v| *v != 0.0)).collect()
+                let of = all.iter().enumerate().map(|(response, of)| ResponseWeights {
+                    response,
+                    values: of.iter().map(|of| of[band]).collect(),
+                });
+                of.filter(|of| responses == 1 || of.values.iter().any(|v| *v != 0.0)).collect()
             };
             (0..bands_nm.len()).map(of_band).collect()
         };
         Self {
             last,
-            parts: (0..sensor.channels.len()).map(of_channel).collect(),
+            weights: (0..sensor.channels.len()).map(of_channel).collect(),
             alike: match &sensor.angle {
                 Some(angle) => angle.first_alike(),
                 None => vec![0; sensor.channels.len()],
@@ -250,17 +254,17 @@ impl SineWeights {
                 angle.slope_of(direction, (shift, away))
             }));
             for (c, own) in responses.iter_mut().enumerate().filter(|(c, _)| self.alike[*c] == *c) {
-                own.resize_with(angle.channels[c].parts().len(), || vec![0.0; nodes.len()]);
-                let parts = angle.channels[c].parts().iter().zip(own);
-                parts.for_each(|(part, own)| part.at_all(slopes, own));
+                let of = &angle.channels[c].responses;
+                own.resize_with(of.len(), || vec![0.0; nodes.len()]);
+                of.iter().zip(own).for_each(|(response, own)| response.at_all(slopes, own));
             }
         }
         for (channel, alike) in self.alike.iter().enumerate() {
             let (responses, to) = (&responses[*alike], &mut out[channel * bands + band]);
             for (i, (_, share)) in nodes.iter().enumerate() {
-                for PartWeights { part, values } in &self.parts[channel][band] {
+                for ResponseWeights { response, values } in &self.weights[channel][band] {
                     let weight = taps.get(i).map_or(values[0], |taps| interpolated(values, taps));
-                    *to += share * (responses[*part][i] * weight - values[0]);
+                    *to += share * (responses[*response][i] * weight - values[0]);
                 }
             }
         }
@@ -273,7 +277,7 @@ struct Directions {
     slopes: Vec<[f64; 2]>,
     /// The weights behind plates around them; empty without plates.
     taps: Vec<(usize, [f64; 4])>,
-    /// By channel and part of its response, where no channel before is alike; 1 without responses.
+    /// By channel and response, where no channel before is alike; 1 without responses.
     responses: Vec<Vec<Vec<f64>>>,
 }
 

@@ -10,7 +10,7 @@ use formats::picture::style::Colour;
 use formats::sensor::{SensorFile, builtin_names};
 use pipeline::colour::Illuminant;
 use pipeline::geometry::Size;
-use pipeline::sensor::angle::{Acceptance, Microlenses, PlateKind, radians, slope};
+use pipeline::sensor::angle::{Microlenses, PlateKind, radians, slope};
 use pipeline::sensor::emva::Bench;
 use pipeline::sensor::figures::{Over, Quantity};
 use pipeline::sensor::{NoiseSet, Sensor};
@@ -134,7 +134,7 @@ fn angles(s: &Sensor) -> Vec<String> {
             format!("{degrees} degrees {} %", responses.collect::<Vec<_>>().join(", "))
         };
         let row = |nm: f64| [10.0, 20.0, 30.0].map(|degrees| at(nm, degrees)).join(", ");
-        let spectral = angle.channels.iter().map(Acceptance::nodes_nm).find(|nodes| !nodes.is_empty());
+        let spectral = angle.channels.iter().map(|of| &of.wavelengths_nm).find(|nodes| !nodes.is_empty());
         let rows = match spectral {
             None => row(0.0),
             Some(nodes) => {

@@ -4,7 +4,7 @@ use super::*;
 use crate::lens::cone::Cone;
 use crate::real;
 use crate::sensor::angle::{
-    Acceptance, AngularResponse, Microlenses, Plate, PlateKind, SlopeTable, radians, slope,
+    Acceptance, AngularResponse, Microlenses, Plate, PlateKind, Response, SlopeTable, radians, slope,
 };
 use crate::sensor::response_map::ResponseMap;
 use crate::sensor::{Channel, Curve, Pattern, Sensor};
@@ -51,9 +51,8 @@ fn edge() -> Plate {
 }
 
 fn case(name: &str) -> Sensor {
-    let model = |degrees: f64, half_exponent| Acceptance::Model {
-        half_slope: slope(sine(degrees), 1.5),
-        half_exponent,
+    let model = |degrees: f64, half_exponent| -> Acceptance {
+        Response::Model { half_slope: slope(sine(degrees), 1.5), half_exponent }.into()
     };
     match name {
         "model" => {
@@ -67,11 +66,11 @@ fn case(name: &str) -> Sensor {
                 let of = |s: &f64| {
                     real::exp(-std::f64::consts::LN_2 * (s / sine(half_deg)) * (s / sine(half_deg)))
                 };
-                Acceptance::Radial(SlopeTable::new(&sines, &sines.iter().map(of).collect::<Vec<_>>(), 1.5))
+                Response::Radial(SlopeTable::new(&sines, &sines.iter().map(of).collect::<Vec<_>>(), 1.5))
             };
             let of = |degrees: [f64; 3]| {
                 let wavelengths_nm = vec![520.0, 610.0, 650.0];
-                Acceptance::Spectral { wavelengths_nm, responses: degrees.map(table).to_vec() }
+                Acceptance { wavelengths_nm, responses: degrees.map(table).to_vec() }
             };
             let channels = vec![of([30.0, 22.0, 15.0]), of([15.0, 25.0, 40.0])];
             let angle = AngularResponse { stack_index: 1.5, microlenses: Microlenses::Centred, channels };
@@ -85,10 +84,10 @@ fn case(name: &str) -> Sensor {
         _ => {
             let sines: Vec<f64> = (-4..=4).map(|k| sine(10.0 * f64::from(k))).collect();
             let table = |values: [f64; 9]| SlopeTable::new(&sines, &values, 1.4);
-            let separable = Acceptance::Separable {
+            let separable = Acceptance::from(Response::Separable {
                 horizontal: table([0.2, 0.4, 0.7, 0.95, 1.25, 1.2, 0.8, 0.5, 0.3]),
                 vertical: table([0.1, 0.3, 0.6, 0.9, 1.0, 0.85, 0.6, 0.35, 0.15]),
-            };
+            });
             let shifts = [(0.0, 0.0), (4.0, 10.0), (8.0, 16.0)];
             let angle = AngularResponse {
                 stack_index: 1.4,
@@ -129,13 +128,12 @@ fn weights_equal_the_f64_model() {
 #[test]
 fn a_response_of_one_changes_no_bit_and_threads_change_none() {
     let flat = SlopeTable::new(&[0.0, 0.9], &[0.7, 0.7], 1.5);
-    let radial = Acceptance::Radial(flat);
-    let spectral =
-        Acceptance::Spectral { wavelengths_nm: vec![510.0, 640.0], responses: vec![radial.clone(); 2] };
+    let radial = Response::Radial(flat);
+    let spectral = Acceptance { wavelengths_nm: vec![510.0, 640.0], responses: vec![radial.clone(); 2] };
     let angle = AngularResponse {
         stack_index: 1.5,
         microlenses: Microlenses::OfLens,
-        channels: vec![radial, spectral],
+        channels: vec![radial.into(), spectral],
     };
     let field = weights(&sensor(Some(angle), vec![]), 1);
     assert!(field.differences.iter().flatten().flatten().all(|v| *v == 0.0));
@@ -147,7 +145,7 @@ fn a_response_of_one_changes_no_bit_and_threads_change_none() {
 fn microlenses_shifted_for_the_lens_leave_half_of_the_shading_or_less() {
     let of = |microlenses| {
         let half_slope = slope(sine(25.0), 1.5);
-        let channels = vec![Acceptance::Model { half_slope, half_exponent: 1 }; 2];
+        let channels = vec![Response::Model { half_slope, half_exponent: 1 }.into(); 2];
         let sensor = sensor(Some(AngularResponse { stack_index: 1.5, microlenses, channels }), vec![]);
         let normal = sensor.band_weights(0, &BANDS_NM)[1] * sensor.area_m2();
         let field = weights(&sensor, 2);
