@@ -9,6 +9,7 @@ mod interruption;
 mod light;
 mod motion;
 mod range;
+mod stored;
 mod time;
 
 const USAGE: i32 = 2;

@@ -11,6 +11,13 @@ use pipeline::sensor::{Exposure, NoiseSet};
 use serde_json::Value;
 use std::path::Path;
 
+/// CRC-32 as of zip.
+pub fn crc32(bytes: impl Iterator<Item = u8>) -> u32 {
+    !bytes.fold(!0, |crc: u32, byte| {
+        (0..8).fold(crc ^ u32::from(byte), |c, _| if c & 1 == 1 { c >> 1 ^ 0xedb8_8320 } else { c >> 1 })
+    })
+}
+
 #[test]
 fn windows_threads_and_memory_give_the_same_bits() {
     let place = Place::new();
@@ -124,9 +131,7 @@ fn signals_and_raws_equal_those_of_the_float64_model() {
         };
         let mut numbers = vec![0; expected.len()];
         Exposer::new(&own, &exposure).expose(&expected, Rect::new(0, 0, size.0, size.1), &mut numbers);
-        let crc = !numbers.iter().flat_map(|v| v.to_le_bytes()).fold(!0, |crc: u32, byte| {
-            (0..8).fold(crc ^ u32::from(byte), |c, _| if c & 1 == 1 { c >> 1 ^ 0xedb8_8320 } else { c >> 1 })
-        });
+        let crc = crc32(numbers.iter().flat_map(|v| v.to_le_bytes()));
         assert_eq!(format!("{crc:08x}"), case["raw_crc32"].as_str().unwrap(), "case {k}, {name}");
     }
 }
