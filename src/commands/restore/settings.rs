@@ -154,7 +154,7 @@ impl Settings {
         let restore = |film: &Pixels| -> Result<Vec<f64>> {
             // Of two restorations that are not linear the difference is far more exact than each.
             let tolerance =
-                if is_linear { FIGURE_TOLERANCE * amplitude } else { 100.0 * self.solver.tolerance };
+                if is_linear { FIGURE_TOLERANCE * amplitude } else { 2000.0 * self.solver.tolerance };
             let restored =
                 sample.tile.restored(Some(&sample.spectrum), film, self.solver.strength, tolerance)?;
             Ok(sample.tile.values(&restored.chart, sample.core))
