@@ -22,6 +22,8 @@ const SAMPLE_PX: usize = 96;
 /// Error of a pixel of a restored picture, of the peak; of the figures, of theirs.
 const TOLERANCE: f64 = 1e-5;
 const FIGURE_TOLERANCE: f64 = 1e-3;
+/// Tolerance of the two restorations whose difference is a figure of total variation, over that of tiles.
+const OF_DIFFERENCES: f64 = 2000.0;
 /// The least noise, of the peak: rounding of films to f32 by engines, 2e-6.
 const LEAST_NOISE: f64 = 2e-6;
 const NOISE_SEED: u64 = 1;
@@ -154,7 +156,7 @@ impl Settings {
         let restore = |film: &Pixels| -> Result<Vec<f64>> {
             // Of two restorations that are not linear the difference is far more exact than each.
             let tolerance =
-                if is_linear { FIGURE_TOLERANCE * amplitude } else { 2000.0 * self.solver.tolerance };
+                if is_linear { FIGURE_TOLERANCE * amplitude } else { OF_DIFFERENCES * self.solver.tolerance };
             let restored =
                 sample.tile.restored(Some(&sample.spectrum), film, self.solver.strength, tolerance)?;
             Ok(sample.tile.values(&restored.chart, sample.core))

@@ -26,9 +26,9 @@ const PLACE_STEPS: usize = 8;
 const MARGIN_PX: usize = 4;
 /// Iterations of the solver, at most.
 const MAX_ITERATIONS: usize = 100;
-/// Steps of total variation, at most, and the change of a pixel in a step that ends them, of the tolerance: hundreds of steps that change it alike follow.
+/// Steps of total variation, at most, and the change of a pixel in a step that ends them, over the tolerance: the error that is left is that of many such steps.
 const MAX_STEPS: usize = 2000;
-const STILL: f64 = 0.05;
+const LAST_CHANGE: f64 = 0.05;
 
 /// Strength of regularisation.
 #[derive(Clone, Copy, Debug, PartialEq)]
@@ -196,7 +196,7 @@ impl Tile {
         match strength {
             Strength::Iterations(count) => richardson_lucy::restore(&part, count),
             Strength::Mu(mu) => {
-                let stop = Stop { tolerance: STILL * tolerance, max_iterations: MAX_STEPS };
+                let stop = Stop { tolerance: LAST_CHANGE * tolerance, max_iterations: MAX_STEPS };
                 total_variation::restore(&part, &*spectrum()?, mu, stop)
             }
             Strength::Lambda(lambda) => {

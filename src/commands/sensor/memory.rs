@@ -18,7 +18,7 @@ pub const DEFAULT: u64 = 1 << 30;
 const STRIP_BYTES: usize = 4 * STRIP + 64 * 8 * 8;
 /// Columns of the signal that are read at a time for that.
 pub const STRIP: usize = 512;
-/// Bands of a block that are read together where memory allows it. Of 31 bands of 16 Mpx with corrections, whose sums are then read and written less often, 16 took 3.6 core seconds, 4 4.3 and 1 5.4; without, 1 to 4 the same.
+/// Bands of a block that are read together where memory allows it. Of 31 bands of 16 Mpx with corrections, whose sums are then read and written less often, 16 took 3.6 core seconds, 4 4.3 and 1 5.4; without, 1 to 4 the same. Weights of angles are interpolated for up to 4 bands at a time.
 const BANDS_AT_ONCE: usize = 4;
 const BANDS_AT_ONCE_WITH_CORRECTIONS: usize = 16;
 /// Minimum rows of a block of the film.
