@@ -11,12 +11,13 @@
 
 mod check;
 pub mod cone;
+pub mod cone_field;
 pub mod depth;
 pub mod planar;
 pub mod tail;
 
 use crate::bounds::{self, OutOfBounds};
-use cone::ConeTable;
+use cone_field::ConeField;
 use depth::LensDepth;
 use planar::{PlanarBand, PlanarMap, PsfPlaces};
 use tail::BandTail;
@@ -128,7 +129,7 @@ pub struct LensBand {
     /// Light of the PSFs beyond their windows, if known: films then hold it, and kernels are not scaled to sum 1.
     pub tail: Option<BandTail>,
     /// Directions of the light at the film, if the pack has them: for sensors whose response depends on them.
-    pub cones: Option<ConeTable>,
+    pub cones: Option<ConeField>,
     /// Tables of a lens without rotational symmetry, in place of those over image height, which are then empty.
     pub planar: Option<PlanarBand>,
 }

@@ -12,6 +12,12 @@ pub(crate) fn lagrange_weights(f: f64) -> [f64; 4] {
     [-f * after * far / 6.0, before * after * far / 2.0, before * f * far / 2.0, -before * f * after / 6.0]
 }
 
+/// Of the nodes of `cells` cells, three or more, the first of the four around `u`, in cells from the first, and their [`lagrange_weights`].
+pub(crate) fn lagrange_around(u: f64, cells: usize) -> (usize, [f64; 4]) {
+    let cell = u.floor().clamp(1.0, (cells - 2) as f64);
+    (cell as usize - 1, lagrange_weights(u - cell))
+}
+
 /// The four weights of β³ at fraction `f`: those of the coefficients i−1, i, i+1, i+2 for t = i + f.
 #[inline]
 pub(crate) fn weights(f: f64) -> [f64; 4] {

@@ -334,7 +334,7 @@ pub struct TraceArgs {
     #[arg(long, value_parser = one_of(SWITCH), action = ArgAction::Set, default_value = "on")]
     pub tails: bool,
     /// Give the pack the chief rays and cones of the light at the film (its attribute `extras` then lists `cones`), for sensors whose response depends on the angle of incidence
-    #[arg(long, conflicts_with_all = ["depths_m", "tolerances"])]
+    #[arg(long, conflicts_with = "depths_m")]
     pub cones: bool,
     /// Maximum error of a kernel between nodes, L1 at film pixels
     #[arg(long, value_parser = positive, default_value = "0.01")]

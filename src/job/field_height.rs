@@ -17,7 +17,7 @@ pub fn field_height_mm(lens: &UntracedLens) -> Result<Option<f64>> {
             pack.lens().bands.iter().map(|band| band.ideal_height_at(band.reach_mm())).reduce(f64::min)
         }
         // Known of lenses with rotational symmetry.
-        UntracedLens::Design(_) if lens.is_asymmetric_design() => None,
+        UntracedLens::Design(_) if lens.asymmetric_design().is_some() => None,
         UntracedLens::Design(design) => Some(describe(&design.system)?.paraxial_image_height_mm),
     }
     .filter(|mm| *mm > 0.0))

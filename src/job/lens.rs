@@ -39,6 +39,7 @@ use pipeline::design::depth::trace::DepthOptions;
 use pipeline::design::paraxial::Paraxial;
 use pipeline::design::skew::grid::GridTrace;
 use pipeline::design::skew::map::FilmRange;
+use pipeline::design::skew::system::BuiltLens;
 use pipeline::design::trace::{LensTrace, TraceOptions};
 use pipeline::geometry::Frame;
 use pipeline::lens::PsfSample;
@@ -106,11 +107,11 @@ impl UntracedLens {
         }
     }
 
-    /// Whether it has no rotational symmetry by design.
-    pub fn is_asymmetric_design(&self) -> bool {
+    /// The lens, if it has no rotational symmetry by design.
+    pub fn asymmetric_design(&self) -> Option<&BuiltLens> {
         match self {
-            Self::Pack(_) => false,
-            Self::Design(design) => design.asymmetric.as_ref().is_some_and(|lens| lens.design().is_some()),
+            Self::Pack(_) => None,
+            Self::Design(design) => design.asymmetric.as_ref()?.design(),
         }
     }
 
@@ -329,7 +330,7 @@ impl UntracedLens {
             Self::Design(design) => {
                 let system = &design.system;
                 let options = TraceOptions::new(Vec::from([system.primary_um() * 1e3]), 1e-3);
-                let header = match design.asymmetric.as_ref().and_then(AsymmetricLens::design) {
+                let header = match self.asymmetric_design() {
                     Some(lens) => GridTrace::new(lens, &options, FilmRange::centred([1e-3; 2]))?.header()?,
                     None => LensTrace::new(system, &options)?.header(),
                 };

@@ -55,7 +55,7 @@ pub fn with_likely_pitch(args: &RunArgs, error: anyhow::Error) -> anyhow::Error 
 /// Usage, with the likely unit.
 pub fn check_pitch(args: &RunArgs, lens: &UntracedLens) -> Result<()> {
     let UntracedLens::Design(design) = lens else { return Ok(()) };
-    if lens.is_asymmetric_design() {
+    if lens.asymmetric_design().is_some() {
         return Ok(());
     }
     let given = args.placement.film_pitch_um.filter(|um| *um < MIN_USUAL_PITCH_UM);

@@ -7,6 +7,7 @@ use super::window::{Layout, RowOrder, Window};
 use crate::lens::{LensPackWriter, PackAttributes};
 use pipeline::bounds;
 use pipeline::lens::cone::ConeTable;
+use pipeline::lens::cone_field::ConeField;
 use pipeline::lens::{Lens, LensBand, PsfSample, PsfStack};
 use serde_json::{Value, json};
 use std::path::{Path, PathBuf};
@@ -231,7 +232,7 @@ fn given_points(band: &SparseBand) -> Value {
 }
 
 /// The cones of the chief-ray angles of a band, if it has them: behind a round exit pupil of the F-number of the light at the film, N (1 + |m|) for pupils of the same size.
-fn cones(band: &SparseBand, lens: &SparseLens) -> Result<Option<ConeTable>, ImportError> {
+fn cones(band: &SparseBand, lens: &SparseLens) -> Result<Option<ConeField>, ImportError> {
     let heights = &band.distortion.1;
     if band.cra_deg.is_empty() {
         return Ok(None);
@@ -253,7 +254,7 @@ fn cones(band: &SparseBand, lens: &SparseLens) -> Result<Option<ConeTable>, Impo
     let angle = Spline::mirrored(heights, &band.cra_deg, Parity::Odd);
     let table = ConeTable::of_chief_rays(last_mm, |height_mm| (angle.at(height_mm), f_number));
     match ConeTable::from_directions(table.step_mm(), &table.directions().collect::<Vec<_>>()) {
-        Ok(table) => Ok(Some(table)),
+        Ok(table) => Ok(Some(ConeField::Symmetric(table))),
         Err(problem) => bad(problem),
     }
 }

@@ -205,8 +205,10 @@ impl<'a> Attributes<'a> {
         };
         for name in names {
             match name.as_str() {
-                Some(TAIL | CONES) if self.psf_field.is_some() => {
-                    return Err(self.invalid(EXTRAS, "none: they belong to lenses with rotational symmetry"));
+                Some(TAIL) if self.psf_field.is_some() => {
+                    return Err(
+                        self.invalid(EXTRAS, "no \"tail\": it belongs to lenses with rotational symmetry")
+                    );
                 }
                 Some(TAIL) => extras.has_tail = true,
                 Some(CONES) => extras.has_cones = true,

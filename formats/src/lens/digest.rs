@@ -20,6 +20,7 @@ use super::attributes::PsfField;
 use super::stored::Stored;
 use pipeline::design::pupil_stack::PupilStack;
 use pipeline::design::trace::TRACER_VERSION;
+use pipeline::lens::cone_field::ConeField;
 use pipeline::lens::depth::LensDepth;
 use pipeline::lens::planar::{PlanarBand, PsfPlaces};
 use pipeline::lens::{Lens, LensBand, PsfSample, PsfStack};
@@ -159,10 +160,22 @@ fn add_samples(h: &mut blake3::Hasher, stack: &PsfStack) {
 /// The sections of a band's tail and cones, only if it has them.
 fn add_extras(h: &mut blake3::Hasher, band: &LensBand) {
     add_tail(h, band);
-    let Some(cones) = &band.cones else { return };
-    h.update(b"cones\n");
-    add_f64(h, &[cones.step_mm()]);
-    cones.directions().for_each(|direction| add_f64(h, &direction));
+    match &band.cones {
+        None => {}
+        Some(ConeField::Symmetric(table)) => {
+            h.update(b"cones\n");
+            add_f64(h, &[table.step_mm()]);
+            table.directions().for_each(|direction| add_f64(h, &direction));
+        }
+        Some(ConeField::Planar(grid)) => {
+            h.update(b"cones over the film\n");
+            let [x_mm, y_mm] = grid.nodes_mm();
+            add_counts(h, &[x_mm.len(), y_mm.len()]);
+            add_f64(h, x_mm);
+            add_f64(h, y_mm);
+            grid.cones().iter().for_each(|cone| add_f64(h, cone));
+        }
+    }
 }
 
 fn add_tail(h: &mut blake3::Hasher, band: &LensBand) {

@@ -68,7 +68,7 @@ pub(super) fn tables(store: &PackStore, notes: &mut Vec<String>) -> Result<Table
     let sample = head.sample()?;
     let extras = head.extras()?;
     let mut cones = match extras.has_cones {
-        true => cones::read(&tables)?,
+        true => cones::read(&tables, head.psf_field.is_none())?,
         false => vec![None; bands],
     };
     let mut tails = match extras.has_tail {

@@ -18,7 +18,7 @@ use super::attributes::{
 use super::error::LensPackError;
 use super::read::SUM_TOLERANCE;
 use super::sink::Sink;
-use pipeline::lens::cone::ConeTable;
+use pipeline::lens::cone_field::ConeField;
 use pipeline::lens::{Lens, LensBand, PsfSample, PsfStack};
 use serde_json::{Value, json};
 use std::collections::BTreeMap;
@@ -205,7 +205,7 @@ impl LensPackWriter {
             self.json("tail/zarr.json", &group)?;
             extras.push(TAIL);
         }
-        let cones: Option<Vec<&ConeTable>> = bands.iter().map(|b| b.cones.as_ref()).collect();
+        let cones: Option<Vec<&ConeField>> = bands.iter().map(|b| b.cones.as_ref()).collect();
         if let Some(cones) = cones.filter(|cones| !cones.is_empty()) {
             self.cones(bands, &cones)?;
             self.json("cones/zarr.json", &group)?;

@@ -1,5 +1,6 @@
 //! Lens packs through the public API: round trips, packs of zarr-python, invalid packs.
 
+mod cones;
 mod errors;
 mod planar;
 mod planar_errors;

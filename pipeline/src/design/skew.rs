@@ -2,7 +2,7 @@
 //!
 //! Places of surfaces: [`crate::design::prescription::pose`]. [`deviation`]: errors of a lens; [`system`]: the lens as built. [`surface`],
 //! [`trace`], [`aim`]: rays; [`chief`]: chief rays and the field of a film place. [`opening`], [`illumination`]: the open pupil and its
-//! light; [`pupil`]: pupil functions, for the PSFs. [`map`], [`mod@trace_map`]: the map from film to ideal plane, with relative illumination.
+//! light; [`image_cone`]: the directions of the light at the film; [`pupil`]: pupil functions, for the PSFs. [`map`], [`mod@trace_map`]: the map from film to ideal plane, with relative illumination.
 //! [`tables`]: the tables and PSFs of a band of a built lens; [`grid`]: those of a design that is asymmetric, on columns and rows. `ideal_plane`: where both would be imaged without distortion.
 //!
 //! *Film frame*: X right, Y DOWN; *lens frame*: x right, y up, z along the light (heads of [`trace`] and [`system`]).
@@ -15,6 +15,7 @@ pub mod error;
 pub mod grid;
 mod ideal_plane;
 pub mod illumination;
+pub mod image_cone;
 pub mod map;
 pub mod opening;
 pub mod pupil;

@@ -4,7 +4,7 @@
 //!
 //! ```text
 //! u(p) = p / √(n² − |p|²)                          it lands h·u beside the foot of its microlens, h: height of the layers
-//! v    = u(p) − u_0(r) e                           e: away from the axis; u_0: the slope of the chief ray for which the microlens at r is shifted
+//! v    = u(p) − u_0                                u_0: the slope of the chief ray for which the microlens is shifted: the lens's, or of a table over the height, away from the axis
 //! ```
 //! The response relative to perpendicular light, S_c of filter c, is a function of v alone, so h is not needed:
 //!
@@ -19,13 +19,13 @@
 //! interference:  T(λ, s) = T(λ / √(1 − s²/n_p²))                  edges move to shorter wavelengths; n_p: effective index of the layers
 //! absorbing:     T(λ, s) = T̂ (T(λ)/T̂)^(1/√(1 − s²/n_p²))         the way in the glass is longer; T̂: largest T, which surfaces leave, as at normal incidence
 //! ```
-//! A pixel's signal is the mean over its cone of directions ([`crate::lens::cone`]) of S times the response behind the plates.
+//! A pixel's signal is the mean over its cone of directions ([`crate::lens::cone_field`]) of S times the response behind the plates.
 //! Sources: P. B. Catrysse, X. Liu and A. El Gamal, Proc. SPIE 3965, 420 (2000), pixel vignetting; H. A. Macleod, Thin-Film Optical Filters, effective index.
 //! Left out: light that lands in a neighbour, polarisation, reflections between plates.
 
 use super::curve::Curve;
 use super::quantile::{exp, ln};
-use crate::lens::cone::Cone;
+use crate::lens::cone_field::PlacedCone;
 use crate::real;
 use std::f64::consts::{LN_2, PI, TAU};
 
@@ -221,24 +221,28 @@ impl AngularResponse {
         numbers
     }
 
-    /// The slope for which the microlens at `height_mm` is shifted; `chief` is that of the lens there.
-    pub(super) fn shift(&self, height_mm: f64, chief: f64) -> f64 {
+    /// The slope (right, down) for which the microlens is shifted at `height_mm` from the axis in the direction `away` (right, down), where the lens has `cone`.
+    pub(super) fn shift(&self, (height_mm, away): (f64, [f64; 2]), cone: &PlacedCone) -> [f64; 2] {
         let sine = match &self.microlenses {
-            Microlenses::Centred => return 0.0,
-            Microlenses::OfLens => chief,
+            Microlenses::Centred => return [0.0; 2],
+            Microlenses::OfLens => {
+                let [l, m] = cone.chief;
+                let scale = (self.stack_index * self.stack_index - (l * l + m * m)).sqrt();
+                return cone.on_film([l / scale, m / scale]);
+            }
             Microlenses::Table(rows) => {
                 let i = rows.partition_point(|row| row.0 <= height_mm).clamp(1, rows.len() - 1);
                 let ((a, from), (b, to)) = (rows[i - 1], rows[i]);
                 from + (to - from) * ((height_mm - a) / (b - a)).min(1.0)
             }
         };
-        slope(sine, self.stack_index)
+        away.map(|v| slope(sine, self.stack_index) * v)
     }
 
-    /// Slope (right, down) of the ray `direction` (right, down) from `shift` along `away` (right, down), the unit vector away from the axis.
-    pub(super) fn slope_of(&self, [x, y]: [f64; 2], (shift, away): (f64, [f64; 2])) -> [f64; 2] {
+    /// Slope (right, down) of the ray `direction` (right, down) from `shift`.
+    pub(super) fn slope_of(&self, [x, y]: [f64; 2], shift: [f64; 2]) -> [f64; 2] {
         let per_sine = 1.0 / (self.stack_index * self.stack_index - x * x - y * y).sqrt();
-        [x * per_sine - shift * away[0], y * per_sine - shift * away[1]]
+        [x * per_sine - shift[0], y * per_sine - shift[1]]
     }
 
     /// The first channel with the response of each.
@@ -329,11 +333,6 @@ pub(super) fn disc() -> Vec<([f64; 2], f64)> {
     nodes
 }
 
-/// Direction (along the meridian, across) of a node of the unit disc in `cone`.
-pub(super) fn in_cone(cone: &Cone, [along, across]: [f64; 2]) -> [f64; 2] {
-    [cone.centre + cone.tangential * along, cone.sagittal * across]
-}
-
 /// Radians of degrees.
 pub fn radians(degrees: f64) -> f64 {
     degrees * (PI / 180.0)
@@ -342,15 +341,15 @@ pub fn radians(degrees: f64) -> f64 {
 #[cfg(test)]
 mod tests {
     use super::*;
+    use crate::lens::cone::Cone;
 
     fn mean(cone: &Cone, f: impl Fn(f64, f64) -> f64) -> f64 {
-        disc()
-            .into_iter()
-            .map(|(at, w)| {
-                let [l, m] = in_cone(cone, at);
-                w * f(l, m)
-            })
-            .sum()
+        let cone = PlacedCone::symmetric(cone, [1.0, 0.0]);
+        let at_node = |(at, w): ([f64; 2], f64)| {
+            let [l, m] = cone.direction(at);
+            w * f(l, m)
+        };
+        disc().into_iter().map(at_node).sum()
     }
 
     #[test]
@@ -384,21 +383,26 @@ mod tests {
             ],
         };
         let centred = AngularResponse { microlenses: Microlenses::Centred, ..response.clone() };
-        let slope_of_half = centred.slope_of([0.24, 0.32], (centred.shift(5.0, 0.3), [1.0, 0.0]));
+        let cone = |away| {
+            let cone = Cone { chief: 0.3, centre: 0.3, tangential: 0.1, sagittal: 0.1 };
+            PlacedCone::symmetric(&cone, away)
+        };
+        let ahead = [1.0, 0.0];
+        let slope_of_half = centred.slope_of([0.24, 0.32], centred.shift((5.0, ahead), &cone(ahead)));
         for found in centred.channels.iter().map(|channel| channel.at_nm(550.0, slope_of_half)) {
             assert!((found - 0.5).abs() < 1e-15, "{found}");
         }
         assert_eq!(centred.first_alike(), [0, 1]);
         // The chief ray at 45 degrees to the rows.
         let away = [0.6, 0.8];
-        let matched = response.slope_of([0.3 * 0.6, 0.3 * 0.8], (response.shift(5.0, 0.3), away));
+        let matched = response.slope_of([0.3 * 0.6, 0.3 * 0.8], response.shift((5.0, away), &cone(away)));
         for found in response.channels.iter().map(|channel| channel.at_nm(550.0, matched)) {
             assert!((found - 1.0).abs() < 1e-15, "{found}");
         }
         let table = Microlenses::Table(vec![(0.0, 0.0), (4.0, 0.2), (8.0, 0.3)]);
         let table = AngularResponse { microlenses: table, ..response };
-        assert_eq!(table.shift(2.0, 0.9), slope(0.1, 1.6));
-        assert_eq!(table.shift(9.0, 0.9), slope(0.3, 1.6));
+        assert_eq!(table.shift((2.0, ahead), &cone(ahead)), [slope(0.1, 1.6), 0.0]);
+        assert_eq!(table.shift((9.0, away), &cone(away)), away.map(|v| v * slope(0.3, 1.6)));
     }
 
     #[test]

@@ -8,12 +8,12 @@
 //! perpendicular light along both axes: so a response that is 1 everywhere leaves the weights bit for bit. A pixel's weight depends on its place on the sensor, not on windows, blocks and threads.
 
 use super::Sensor;
-use super::angle::{disc, in_cone};
+use super::angle::disc;
 use super::field_sums::Columns;
 use crate::geometry::Size;
-use crate::lens::cone::ConeTable;
+use crate::lens::cone_field::ConeField;
 use crate::parts::for_each_part;
-use crate::spline::lagrange_weights;
+use crate::spline::lagrange_around;
 use std::convert::Infallible;
 use std::ops::Range;
 
@@ -44,6 +44,13 @@ pub struct Placement {
 }
 
 impl Placement {
+    /// Its first and its last place (X, Y), mm.
+    pub fn corners_mm(&self) -> [[f64; 2]; 2] {
+        let Self { size, pitch_mm, centre_mm: (y, x) } = self;
+        let half = [0.5 * size.width as f64 * pitch_mm, 0.5 * size.height as f64 * pitch_mm];
+        [[x - half[0], y - half[1]], [x + half[0], y + half[1]]]
+    }
+
     /// Distance from the axis of the farthest corner, mm.
     pub fn reach_mm(&self) -> f64 {
         let far = |centre: f64, n: usize| centre.abs() + 0.5 * n as f64 * self.pitch_mm;
@@ -53,11 +60,11 @@ impl Placement {
 }
 
 impl FieldWeights {
-    /// Those of `sensor` at `placement` for the bands `bands_nm`, of which the light has the directions `cones`, one table a band; `scales`, by band, multiply them. On `threads` threads.
+    /// Those of `sensor` at `placement` for the bands `bands_nm`, of which the light has the directions `cones`, one field a band; `scales`, by band, multiply them. On `threads` threads.
     pub fn new(
         sensor: &Sensor,
         (bands_nm, scales): (&[f64], &[f64]),
-        cones: &[ConeTable],
+        cones: &[ConeField],
         placement: &Placement,
         threads: usize,
     ) -> Self {
@@ -65,7 +72,7 @@ impl FieldWeights {
         let longer = size.height.max(size.width);
         let along = |n: usize| (CELLS.0 * n).div_ceil(longer).max(CELLS.1);
         let cells = (along(size.height), along(size.width));
-        let weights = SineWeights::new(sensor, (bands_nm, scales), cones, placement.reach_mm());
+        let weights = SineWeights::new(sensor, (bands_nm, scales), cones, placement);
         let (rows, columns, bands) = (cells.0 + 1, cells.1 + 1, bands_nm.len());
         let (channels, nodes) = (sensor.channels.len(), disc());
         // Node by node: all channels and bands.
@@ -74,6 +81,7 @@ impl FieldWeights {
             threads,
             found.chunks_exact_mut(columns * channels * bands).enumerate(),
             || Directions {
+                in_frame: Vec::new(),
                 slopes: Vec::new(),
                 taps: Vec::new(),
                 responses: vec![vec![vec![1.0; nodes.len()]]; channels],
@@ -144,13 +152,7 @@ fn middle(pixel: usize) -> f64 {
 
 /// First of the four nodes around a place, pixels from the first edge of `pixels`, and their weights.
 fn taps(place: f64, pixels: usize, cells: usize) -> (usize, [f64; 4]) {
-    around(place * cells as f64 / pixels as f64, cells)
-}
-
-/// First of the four nodes of `cells` cells around `u`, in cells, and their weights.
-fn around(u: f64, cells: usize) -> (usize, [f64; 4]) {
-    let cell = u.floor().clamp(1.0, (cells - 2) as f64);
-    (cell as usize - 1, lagrange_weights(u - cell))
+    lagrange_around(place * cells as f64 / pixels as f64, cells)
 }
 
 /// Weights of a channel's light by one of its responses.
@@ -175,16 +177,13 @@ impl SineWeights {
     fn new(
         sensor: &Sensor,
         (bands_nm, scales): (&[f64], &[f64]),
-        cones: &[ConeTable],
-        reach_mm: f64,
+        cones: &[ConeField],
+        placement: &Placement,
     ) -> Self {
-        let largest = |table: &ConeTable| {
-            (0..=SINES)
-                .map(|k| table.at(reach_mm * k as f64 / SINES as f64).largest_sine())
-                .fold(0.0, f64::max)
-        };
-        let sine = cones.iter().map(largest).fold(0.0, f64::max);
-        // A little more, for the heights between.
+        let (corners, reach_mm) = (placement.corners_mm(), placement.reach_mm());
+        let sines = cones.iter().flat_map(|cones| cones.sines(corners, reach_mm, SINES));
+        let sine = sines.map(|(_, sine)| sine).fold(0.0, f64::max);
+        // A little more, for the places between.
         let last = (sine * sine * 1.01).clamp(1e-6, 1.0);
         let count = if sensor.plates.is_empty() { 1 } else { SINES };
         let bands = (bands_nm, scales);
@@ -220,14 +219,14 @@ impl SineWeights {
 
     /// First of the values around a square, and their weights.
     fn taps(&self, square: f64) -> (usize, [f64; 4]) {
-        around((square / self.last).min(1.0) * (SINES - 1) as f64, SINES - 1)
+        lagrange_around((square / self.last).min(1.0) * (SINES - 1) as f64, SINES - 1)
     }
 
     /// W − w of `band` at (x, y) mm from the axis, of each channel into `out`, channel by channel of all bands.
     fn at_node(
         &self,
         sensor: &Sensor,
-        (band, cones): (usize, &ConeTable),
+        (band, cones): (usize, &ConeField),
         (x, y): (f64, f64),
         nodes: &[([f64; 2], f64)],
         directions: &mut Directions,
@@ -235,24 +234,19 @@ impl SineWeights {
     ) {
         let height_mm = (x * x + y * y).sqrt();
         let away = if height_mm > 0.0 { [x / height_mm, y / height_mm] } else { [1.0, 0.0] };
-        let cone = cones.at(height_mm);
+        let cone = cones.at([x, y], (height_mm, away));
         let bands = out.len() / self.alike.len();
-        let Directions { slopes, taps, responses } = directions;
+        let Directions { in_frame, slopes, taps, responses } = directions;
+        in_frame.clear();
+        in_frame.extend(nodes.iter().map(|(at, _)| cone.direction(*at)));
         if !sensor.plates.is_empty() {
             taps.clear();
-            taps.extend(nodes.iter().map(|(at, _)| {
-                let [l, m] = in_cone(&cone, *at);
-                self.taps(l * l + m * m)
-            }));
+            taps.extend(in_frame.iter().map(|[l, m]| self.taps(l * l + m * m)));
         }
         if let Some(angle) = &sensor.angle {
-            let shift = angle.shift(height_mm, cone.chief);
+            let shift = angle.shift((height_mm, away), &cone);
             slopes.clear();
-            slopes.extend(nodes.iter().map(|(at, _)| {
-                let [l, m] = in_cone(&cone, *at);
-                let direction = [l * away[0] - m * away[1], l * away[1] + m * away[0]];
-                angle.slope_of(direction, (shift, away))
-            }));
+            slopes.extend(in_frame.iter().map(|at| angle.slope_of(cone.on_film(*at), shift)));
             for (c, own) in responses.iter_mut().enumerate().filter(|(c, _)| self.alike[*c] == *c) {
                 let of = &angle.channels[c].responses;
                 own.resize_with(of.len(), || vec![0.0; nodes.len()]);
@@ -273,6 +267,8 @@ impl SineWeights {
 
 /// The directions of a cone.
 struct Directions {
+    /// Their direction cosines in its frame.
+    in_frame: Vec<[f64; 2]>,
     /// Their slopes (right, down) in the layers.
     slopes: Vec<[f64; 2]>,
     /// The weights behind plates around them; empty without plates.

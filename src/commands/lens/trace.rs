@@ -28,6 +28,7 @@ use pipeline::design::image_cone::image_cones;
 use pipeline::design::ray::Tracer;
 use pipeline::design::skew::system::BuiltLens;
 use pipeline::design::trace::{BandReport, LensTrace, Progress, PsfHeights, TraceOptions, TracedBand};
+use pipeline::lens::cone_field::ConeField;
 use pipeline::lens::planar::PsfPlaces;
 use pipeline::psf::blocks::Blocks;
 use std::path::Path;
@@ -51,12 +52,6 @@ pub fn command(args: &TraceArgs) -> Result<()> {
     }
     let options = options(args, &system)?;
     if system.asymmetry.is_some() {
-        if args.cones {
-            return Err(usage(format!(
-                "--cones: expected a design with rotational symmetry, {} has none",
-                args.design
-            )));
-        }
         if args.built.tolerances.is_some() {
             return Err(usage(format!(
                 "--tolerances: expected a design with rotational symmetry, {} has none",
@@ -117,7 +112,7 @@ pub fn command(args: &TraceArgs) -> Result<()> {
     if args.cones {
         for band in &mut lens.bands {
             let cones = image_cones(&system, band.wavelength_nm * 1e-3, options.max_height_mm);
-            band.cones = Some(cones.with_context(context)?);
+            band.cones = Some(ConeField::Symmetric(cones.with_context(context)?));
         }
     }
     let mut attributes = attributes(&args.design, &args.parameters, &options, &reports);

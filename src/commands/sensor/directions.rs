@@ -12,8 +12,11 @@ use anyhow::{Context, Result};
 use formats::sensor::{SensorFile, chief_ray_angles};
 use pipeline::bounds;
 use pipeline::design::image_cone::image_cones;
+use pipeline::design::skew::image_cone::film_cones;
+use pipeline::design::skew::map::FilmRange;
 use pipeline::geometry::Size;
 use pipeline::lens::cone::ConeTable;
+use pipeline::lens::cone_field::ConeField;
 use pipeline::real;
 use pipeline::sensor::Sensor;
 use pipeline::sensor::field_weights::{FieldWeights, Placement};
@@ -22,17 +25,17 @@ use serde_json::{Value, json};
 use std::path::Path;
 use std::sync::{Arc, OnceLock};
 
-/// Heights at which cones are checked.
-const HEIGHTS: usize = 257;
+/// Intervals of the heights at which cones are checked.
+const HEIGHTS: usize = 256;
 /// Reach beyond the corners, relative: rounding.
 const BEYOND: f64 = 1e-6;
 
 /// The directions of a film's light.
 pub struct Directions {
     /// By band.
-    cones: Vec<ConeTable>,
+    cones: Vec<ConeField>,
     placement: Placement,
-    /// Chief-ray angle at the farthest corner, degrees, of the middle band.
+    /// Largest chief-ray angle at the corners, degrees, of the middle band.
     corner_deg: f64,
     weights: OnceLock<Arc<FieldWeights>>,
 }
@@ -66,31 +69,29 @@ impl Directions {
         let reach_mm = placement.reach_mm() * (1.0 + BEYOND);
         let cones = match &args.chief_ray_angles {
             Some(path) => vec![of_table(path, reach_mm)?; film.wavelengths_nm.len()],
-            None => of_lens(film, args, (file, sensor), reach_mm)?,
+            None => of_lens(film, args, (file, sensor), &placement)?,
         };
-        let at = |k: usize| reach_mm * k as f64 / (HEIGHTS - 1) as f64;
-        let beyond = |k: &usize| cones.iter().any(|table| table.at(at(*k)).largest_sine() >= 1.0);
-        if let Some(k) = (0..HEIGHTS).find(beyond) {
+        let mut sines = cones.iter().flat_map(|field| field.sines(placement.corners_mm(), reach_mm, HEIGHTS));
+        if let Some(([x, y], _)) = sines.find(|(_, sine)| *sine >= 1.0) {
             return Err(usage(format!(
                 "{}: at {:.4} mm from the axis the cone of light reaches 90 degrees from the normal of the film: expected smaller chief-ray angles or larger F-numbers",
                 args.chief_ray_angles.as_ref().map_or("the lens".into(), |path| path.display().to_string()),
-                at(k)
+                real::hypot(x, y)
             )));
         }
-        let corner = cones[cones.len() / 2].at(placement.reach_mm()).chief;
-        let corner_deg = real::asin(corner.clamp(-1.0, 1.0)).to_degrees();
+        let corner_deg = real::asin(corner_sine(&cones[cones.len() / 2], &placement).min(1.0)).to_degrees();
         Ok(Some(Self { cones, placement, corner_deg, weights: OnceLock::new() }))
     }
 
     /// What it adds to the identity of a signal.
     pub fn identity(&self) -> Value {
-        let numbers: Vec<Vec<f64>> = self.cones.iter().map(numbers).collect();
+        let numbers: Vec<Vec<f64>> = self.cones.iter().map(ConeField::numbers).collect();
         digest(&json!(numbers)).into()
     }
 
     /// What is printed.
     pub fn note(&self) -> String {
-        format!("chief-ray angle at the farthest corner {:.1} degrees", self.corner_deg)
+        format!("largest chief-ray angle at a corner {:.1} degrees", self.corner_deg)
     }
 
     /// The weights of the bands of `film` over `sensor`.
@@ -113,16 +114,17 @@ impl Directions {
 /// Usage.
 pub fn check_lens((file, sensor): (&SensorFile, &Sensor), lens: &UntracedLens, name: &str) -> Result<()> {
     check_plates((file, sensor), lens, name)?;
-    let what = match lens {
-        _ if !sensor.depends_on_angles() => return Ok(()),
-        UntracedLens::Pack(pack) if pack.lens().bands.iter().any(|band| band.cones.is_none()) => "lens pack",
-        UntracedLens::Design(_) if !lens.is_symmetric() => "the lens without rotational symmetry",
-        _ => return Ok(()),
-    };
-    Err(usage(format!(
-        "{what} {name} gives no directions of light at the film, which sensor {} depends on: give a design, or a pack of `lens trace --cones`",
-        sensor.name
-    )))
+    match lens {
+        UntracedLens::Pack(pack)
+            if sensor.depends_on_angles() && pack.lens().bands.iter().any(|band| band.cones.is_none()) =>
+        {
+            Err(usage(format!(
+                "lens pack {name} gives no directions of light at the film, which sensor {} depends on: give a design, or a pack of `lens trace --cones`",
+                sensor.name
+            )))
+        }
+        _ => Ok(()),
+    }
 }
 
 /// Fails for a design whose plates take from the light what those of the sensor would.
@@ -144,22 +146,31 @@ fn check_plates((file, sensor): (&SensorFile, &Sensor), lens: &UntracedLens, nam
     }
 }
 
-/// All numbers of a table.
-fn numbers(cones: &ConeTable) -> Vec<f64> {
-    std::iter::once(cones.step_mm()).chain(cones.directions().flatten()).collect()
+/// The largest sine of a chief ray at a corner of the sensor.
+fn corner_sine(cones: &ConeField, placement: &Placement) -> f64 {
+    let sine = |[x, y]: [f64; 2]| {
+        let height_mm = real::hypot(x, y);
+        let away = if height_mm > 0.0 { [x / height_mm, y / height_mm] } else { [1.0, 0.0] };
+        let [l, m] = cones.at([x, y], (height_mm, away)).chief;
+        real::hypot(l, m)
+    };
+    let [[left, top], [right, bottom]] = placement.corners_mm();
+    [[left, top], [right, top], [left, bottom], [right, bottom]].map(sine).into_iter().fold(0.0, f64::max)
 }
 
 fn of_lens(
     film: &Film,
     args: &ExposeArgs,
     of_sensor: (&SensorFile, &Sensor),
-    reach_mm: f64,
-) -> Result<Vec<ConeTable>> {
+    placement: &Placement,
+) -> Result<Vec<ConeField>> {
+    let reach_mm = placement.reach_mm() * (1.0 + BEYOND);
+    let [first, last] = placement.corners_mm();
     let (path, _) = split_group(args.film.as_deref().unwrap_or_default());
     let recorded = RecordedLens::new(&reported::film(Path::new(path))?, args.lens.as_deref())?;
-    let other = |what: &str| {
+    let other = || {
         usage(format!(
-            "{what} {} gives no directions of light at the film, which the sensor depends on: give them by --chief-ray-angles FILE.csv \
+            "lens pack {} gives no directions of light at the film, which the sensor depends on: give them by --chief-ray-angles FILE.csv \
              (columns height_mm, cra_deg, f_number), or make the film with the design or a pack of `lens trace --cones` at its wavelengths and up to its corners",
             recorded.name
         ))
@@ -170,24 +181,30 @@ fn of_lens(
         UntracedLens::Pack(pack) => {
             let of = |nm: &f64| {
                 let band = pack.lens().bands.iter().find(|band| band.wavelength_nm == *nm)?;
-                band.cones.clone().filter(|cones| cones.last_mm() >= reach_mm / (1.0 + 2.0 * BEYOND))
+                band.cones.clone().filter(|cones| cones.covers([first, last], reach_mm, 2.0 * BEYOND))
             };
-            let all: Option<Vec<ConeTable>> = film.wavelengths_nm.iter().map(of).collect();
-            return all.ok_or_else(|| other("lens pack"));
-        }
-        UntracedLens::Design(_) if !lens.is_symmetric() => {
-            return Err(other("the lens without rotational symmetry"));
+            let all: Option<Vec<ConeField>> = film.wavelengths_nm.iter().map(of).collect();
+            return all.ok_or_else(other);
         }
         UntracedLens::Design(design) => design,
     };
+    let context = |nm: &f64| format!("directions of the light of lens {} at {nm} nm", recorded.name);
+    if let Some(built) = lens.asymmetric_design() {
+        let range = FilmRange { x_mm: [first[0], last[0]], y_mm: [first[1], last[1]] };
+        let of = |nm: &f64| {
+            let cones = film_cones(built, nm * 1e-3, range).with_context(|| context(nm))?;
+            Ok(ConeField::Planar(cones))
+        };
+        return film.wavelengths_nm.iter().map(of).collect();
+    }
     let of = |nm: &f64| {
-        image_cones(&design.system, nm * 1e-3, reach_mm)
-            .with_context(|| format!("directions of the light of lens {} at {nm} nm", recorded.name))
+        let cones = image_cones(&design.system, nm * 1e-3, reach_mm).with_context(|| context(nm))?;
+        Ok(ConeField::Symmetric(cones))
     };
     film.wavelengths_nm.iter().map(of).collect()
 }
 
-fn of_table(path: &Path, reach_mm: f64) -> Result<ConeTable> {
+fn of_table(path: &Path, reach_mm: f64) -> Result<ConeField> {
     let rows = chief_ray_angles(path).map_err(|e| usage(e.to_string()))?;
     for [height_mm, cra_deg, f_number] in &rows {
         bounds::F_NUMBER.check(*f_number).map_err(|e| usage(format!("{}: f_number {e}", path.display())))?;
@@ -212,5 +229,5 @@ fn of_table(path: &Path, reach_mm: f64) -> Result<ConeTable> {
         let t = (height - a[0]) / (b[0] - a[0]);
         (a[1] + t * (b[1] - a[1]), a[2] + t * (b[2] - a[2]))
     };
-    Ok(ConeTable::of_chief_rays(reach_mm, chief_ray))
+    Ok(ConeField::Symmetric(ConeTable::of_chief_rays(reach_mm, chief_ray)))
 }

@@ -1,7 +1,9 @@
 //! Designs without rotational symmetry: `lens show`, `lens trace` and films of a lens whose film is tilted.
 
+use super::built::{ERRORS, tolerances};
 use super::runs::{DesignJob, attributes};
 use super::*;
+use crate::common::camera::{frame, sensor};
 
 /// The sample design with its film tilted about x by `degrees`.
 fn with_tilted_film(job: &DesignJob, name: &str, degrees: f64) -> PathBuf {
@@ -39,6 +41,104 @@ fn a_film_through_a_tilted_film_is_that_of_its_pack_and_of_no_other_tilt() {
     job.run("cache", "straight", &["--tails", "off"]).ok();
     let moved = pairs(&a, &film("straight")).map(|(a, b)| (a - b).abs()).fold(0.0, f32::max);
     assert!(moved > 0.02 * peak, "{moved} of {peak}: the tilt changes the film");
+}
+
+/// The middle of a raw of `film` without noise, above black, with the fields `angle` of the sensor's description.
+fn middle_dn(job: &DesignJob, film: &Path, angle: &str) -> f64 {
+    let (file, raw) = (job.at("sensor.toml"), job.at("raw.zarr"));
+    let text_of = format!(
+        "schema = \"lenscube/sensor/1\"\nname = \"s\"\ndescription = \"a test\"\n[pixel]\npitch_um = \"film\"\nfull_well_e = 1e9\n[adc]\nbits = 16\n\
+         gain_dn_per_e = 1.0\nblack_dn = 0\n[spectral]\nconstant = 1.0\n[cfa]\npattern = [[\"Y\"]]\nY = {{}}\n{angle}\n[source]\n\"*\" = \"a test\"\n"
+    );
+    fs::write(&file, text_of).unwrap();
+    sensor(film, &raw, &["--sensor", text(&file), "--exposure", "20us", "--noise", "none", "--overwrite"])
+        .ok();
+    let (size, pixels) = frame(&raw, "raw", 0);
+    f64::from(pixels[(size.height / 2) * size.width + size.width / 2])
+}
+
+/// The mean response over the cone of sine `rim` in front of a film that is tilted about x, each ray turned into the film's frame; by its slope in a medium of index 1.5.
+fn mean_behind_tilted_film(rim: f64, tilt: f64, response: impl Fn([f64; 2]) -> f64) -> f64 {
+    let (mut sum, mut all) = (0.0, 0.0);
+    for (i, k) in (0..200).flat_map(|i| (0..200).map(move |k| (i, k))) {
+        let at = |i: u32| rim * ((f64::from(i) + 0.5) / 100.0 - 1.0);
+        let (l, m) = (at(i), at(k));
+        let square = l * l + m * m;
+        if square > rim * rim {
+            continue;
+        }
+        // m up; the film's +y leans towards +z, and its direction cosines are (right, down).
+        let n = (1.0 - square).sqrt();
+        let (down, along) = (-(m * tilt.cos() + n * tilt.sin()), n * tilt.cos() - m * tilt.sin());
+        let scale = 1.0 / (1.5 * 1.5 - l * l - down * down).sqrt();
+        // dl dm of the tilted frame.
+        let weight = along / n;
+        sum += weight * response([l * scale, down * scale]);
+        all += weight;
+    }
+    sum / all
+}
+
+#[test]
+fn a_sensor_that_is_tilted_sees_the_cone_turned() {
+    let job = DesignJob::new();
+    let chart = "gen:uniform?size=48&pitch_um=10&wavelengths=450,500";
+    let half = 20_f64.to_radians().sin();
+    let half = half / (2.25 - half * half).sqrt();
+    fs::write(job.at("side.csv"), "angle_deg,horizontal,vertical\n-60,1,0.2\n-1,1,1\n0,1,1\n60,1,1\n")
+        .unwrap();
+    let slope_of = |deg: f64| deg.to_radians().sin() / (2.25 - deg.to_radians().sin().powi(2)).sqrt();
+    let one_sided = |[_, down]: [f64; 2]| {
+        1.0 + 0.8 * ((down + slope_of(1.0)) / (slope_of(60.0) - slope_of(1.0))).min(0.0)
+    };
+    let rim = 0.5 / 2.98;
+    for degrees in [12.0, -12.0_f64] {
+        let lens = with_tilted_film(&job, "tilted.zmx", degrees);
+        let film = job.at("uniform.zarr");
+        crate::common::run(chart, &film, text(&lens), &["--stages", "distortion", "--overwrite"]).ok();
+        let flat = middle_dn(&job, &film, "");
+        assert!(flat > 10_000.0 && flat < 65_000.0, "{flat}");
+        let found = middle_dn(&job, &film, "[angle]\nstack_index = 1.5\nacceptance_deg = 20") / flat;
+        let gaussian = |[right, down]: [f64; 2]| 0.5_f64.powf((right * right + down * down) / (half * half));
+        let expected = mean_behind_tilted_film(rim, degrees.to_radians(), gaussian);
+        assert!((found - expected).abs() < 1e-3, "{degrees}: {found} {expected}");
+        let found = middle_dn(&job, &film, "[angle]\nstack_index = 1.5\nfile = \"side.csv\"") / flat;
+        let expected = mean_behind_tilted_film(rim, degrees.to_radians(), one_sided);
+        assert!((found - expected).abs() < 2e-3, "{degrees}: {found} {expected}");
+        // Microlenses that are shifted for the lens undo the turn of the chief ray.
+        let shifted = "[angle]\nstack_index = 1.5\nacceptance_deg = 20\nmicrolenses = \"lens\"";
+        let found = middle_dn(&job, &film, shifted) / flat;
+        let straight = mean_behind_tilted_film(rim, 0.0, gaussian);
+        assert!((found - straight).abs() < 0.02, "{degrees}: {found} {straight}");
+    }
+}
+
+#[test]
+fn packs_with_cones_of_lenses_without_symmetry_are_as_good_as_their_designs() {
+    let job = DesignJob::new();
+    let lens = with_tilted_film(&job, "tilted.zmx", 12.0);
+    let chart = "gen:uniform?size=48&pitch_um=10&wavelengths=450,500";
+    let pack = job.at("tilted.lens.zarr");
+    let trace = ["lens", "trace", text(&lens), text(&pack), "--wavelengths", "450,500"];
+    let film_flags = ["--film-size", "48x48", "--film-pitch-um", "10"];
+    lenscube(&[&trace[..], &film_flags, &["--cones"]].concat()).ok();
+    assert_eq!(attributes(&pack)["extras"], serde_json::json!(["cones"]));
+    let angle = "[angle]\nstack_index = 1.5\nacceptance_deg = 20";
+    let dn = |name: &str, lens: &Path| {
+        let film = job.at(name);
+        crate::common::run(chart, &film, text(lens), &["--stages", "distortion"]).ok();
+        middle_dn(&job, &film, angle)
+    };
+    let (of_design, of_pack) = (dn("a.zarr", &lens), dn("b.zarr", &pack));
+    assert!((of_pack - of_design).abs() <= 2.0, "{of_pack} {of_design}");
+    // A lens with drawn errors has them as well.
+    let errors = tolerances(&job, "t.toml", ERRORS);
+    let (nominal, drawn) = (job.at("my.zmx"), job.at("drawn.lens.zarr"));
+    let trace = ["lens", "trace", text(&nominal), text(&drawn), "--wavelengths", "450,500"];
+    let errors = ["--tolerances", text(&errors), "--lens-sample", "3", "--cones"];
+    lenscube(&[&trace[..], &film_flags, &["--max-height-mm", "0.6"], &errors].concat()).ok();
+    let (of_drawn, straight) = (dn("c.zarr", &drawn), dn("d.zarr", &nominal));
+    assert!((of_drawn / straight - 1.0).abs() < 0.01, "{of_drawn} {straight}");
 }
 
 #[test]

@@ -4,13 +4,13 @@ use super::runs::{DesignJob, attributes};
 use super::*;
 
 /// Errors of the rear element, and how it is focused.
-fn tolerances(job: &DesignJob, name: &str, entries: &str) -> PathBuf {
+pub(super) fn tolerances(job: &DesignJob, name: &str, entries: &str) -> PathBuf {
     let path = job.at(name);
     fs::write(&path, format!("{entries}\n[criterion]\nkind = \"rms-spot\"\n")).unwrap();
     path
 }
 
-const ERRORS: &str =
+pub(super) const ERRORS: &str =
     "[[element]]\nsurfaces = [10, 11]\ndecentre_um = 30\ntilt_arcmin = 3\n[[film]]\ntilt_arcmin = 5\n";
 const NO_ERRORS: &str =
     "[[element]]\nsurfaces = [10, 11]\ndecentre_um = [0, 0]\n[compensate]\nfocus = false\n";

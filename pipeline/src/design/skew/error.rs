@@ -42,6 +42,14 @@ pub enum SkewError {
         /// Why.
         problem: String,
     },
+    /// Light whose directions at the film are not those of a cone in front of it.
+    #[error("directions of the light at the film at {um} µm: {problem}", um = tidy(.wavelength_um))]
+    Cones {
+        /// Wavelength, µm.
+        wavelength_um: f64,
+        /// What is expected and found.
+        problem: String,
+    },
     /// Two places of the film that show the same field point.
     #[error(
         "the map from film to ideal plane folds at ({x_mm:.4}, {y_mm:.4}) mm at {um} µm; use a smaller film",

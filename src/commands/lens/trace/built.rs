@@ -13,9 +13,12 @@ use formats::lens::{LensPackWriter, PackAttributes, ReferencePoint};
 use pipeline::design::DesignError;
 use pipeline::design::skew::error::SkewError;
 use pipeline::design::skew::grid::GridTrace;
+use pipeline::design::skew::image_cone::film_cones;
+use pipeline::design::skew::map::FilmRange;
 use pipeline::design::skew::system::BuiltLens;
 use pipeline::design::skew::tables::{NominalNodes, SkewTrace};
 use pipeline::design::trace::{BandReport, OnProgress, Progress, TraceOptions, TracedBand};
+use pipeline::lens::cone_field::ConeField;
 use pipeline::lens::{Lens, PsfStack};
 use pipeline::real;
 use std::f64::consts::FRAC_1_SQRT_2;
@@ -64,7 +67,8 @@ pub fn trace(args: &TraceArgs, drawn: &DrawnLens, options: &TraceOptions, start:
     bar.step("focus of the lens as built".to_owned());
     let adjusted = drawn.compensated(real::hypot(half_mm[0], half_mm[1]))?;
     adjusted.notes.iter().for_each(|note| bar.suspend(|| log_line(format!("note: {note}"))));
-    let trace = SkewTrace::new(&adjusted.lens, options, map_range(half_mm, options.max_height_mm))?;
+    let film = map_range(half_mm, options.max_height_mm);
+    let trace = SkewTrace::new(&adjusted.lens, options, film)?;
     let mut nodes = NominalNodes::default();
     Planar {
         args,
@@ -73,6 +77,7 @@ pub fn trace(args: &TraceArgs, drawn: &DrawnLens, options: &TraceOptions, start:
         bar,
         what: format!("lens {} of {}", drawn.draw.1, args.design),
         header: trace.header()?,
+        lens: (&adjusted.lens, film),
         band: &mut |index, progress| trace.band(index, &mut nodes, progress),
         record: &|attributes| recorded(attributes, drawn.record.clone(), &adjusted),
     }
@@ -92,7 +97,8 @@ pub fn trace_design(
     check_flat(args)?;
     let half_mm = half_film_mm(args, options)?;
     let pack = create_pack(&args.out, |out| LensPackWriter::create_planar(out))?;
-    let trace = GridTrace::new(lens, options, map_range(half_mm, options.max_height_mm))?;
+    let film = map_range(half_mm, options.max_height_mm);
+    let trace = GridTrace::new(lens, options, film)?;
     Planar {
         args,
         options,
@@ -100,6 +106,7 @@ pub fn trace_design(
         bar: TracingBar::new(options.wavelengths_nm.len()),
         what: args.design.clone(),
         header: trace.header()?,
+        lens: (lens, film),
         band: &mut |index, progress| trace.band(index, progress),
         record: &|attributes| PackAttributes {
             reference_point: Some(ReferencePoint::ChiefRay),
@@ -137,6 +144,8 @@ struct Planar<'a> {
     bar: TracingBar,
     what: String,
     header: Lens,
+    /// The lens that is traced, and the film of its map.
+    lens: (&'a BuiltLens, FilmRange),
     band: &'a mut dyn FnMut(usize, OnProgress<'_>) -> Result<TracedBand, SkewError>,
     record: &'a dyn Fn(PackAttributes) -> PackAttributes,
 }
@@ -144,7 +153,7 @@ struct Planar<'a> {
 impl Planar<'_> {
     /// Traces the bands and writes the pack.
     fn write(self, start: Instant) -> Result<()> {
-        let Self { args, options, pack, bar, what, header, band, record } = self;
+        let Self { args, options, pack, bar, what, header, lens: (built, film), band, record } = self;
         let mut reports: Vec<BandReport> = Vec::new();
         let mut stored = args.store;
         let result = write_beside(pack, |write| {
@@ -154,7 +163,10 @@ impl Planar<'_> {
                     bar.set_bands(p.band);
                     bar.step(format!("{} nm: {} ({} PSFs)", number(*nm), p.step, p.psfs));
                 };
-                let band = band(index, &mut progress)?;
+                let mut band = band(index, &mut progress)?;
+                if args.cones {
+                    band.tables.cones = Some(ConeField::Planar(film_cones(built, nm * 1e-3, film)?));
+                }
                 bar.suspend(|| log_line(band_line(&band)));
                 reports.push(band.report);
                 lens.bands.push(band.tables.clone());
