@@ -15,19 +15,20 @@
 //! κ_cb(d) ≈ Σ_m a_cbm k_m(d), d ≠ 0;    P_m = Σ_b a_cbm S_b;    signal_j = S(j) + Σ_m Σ_d k_m(d) (P_m(j − d) − P_m(j))
 //! ```
 //!
-//! The k_m are found by Gram and Schmidt's orthogonalization with pivoting until every κ is within 3·10⁻⁷; a film is read once ([`super::spread`]), and light is kept whatever their number.
+//! The k_m are found by Gram and Schmidt's orthogonalization with pivoting until every κ is within 3·10⁻⁶; a film is read once ([`super::spread`]), and light is kept whatever their number.
 
+use super::even_kernel::{self, EvenKernel};
 use super::model::{Channel, Sensor};
 use super::{Curve, Pattern};
 use std::borrow::Cow;
 use std::sync::Arc;
 
 /// Largest error of a share.
-const TOLERANCE: f64 = 3e-7;
+const TOLERANCE: f64 = 3e-6;
 /// Largest step between nodes of curves that are products of shares and curves, nm.
 const STEP_NM: f64 = 5.0;
 /// Pixels on each side that a kernel reaches at most.
-pub const MAX_RADIUS: usize = 3;
+pub const MAX_RADIUS: usize = even_kernel::LARGEST;
 
 /// Shares of the charge of a pixel over wavelength.
 #[derive(Clone, Debug, PartialEq)]
@@ -49,6 +50,8 @@ pub(super) struct Term {
     pub(super) factors: Vec<Vec<f64>>,
     /// k, row by row; 0 for the pixel itself.
     pub(super) kernel: Vec<f64>,
+    /// The same, where it is even.
+    pub(super) even: Option<EvenKernel>,
 }
 
 /// The corrections of the signal of a sensor in films of some bands.
@@ -137,7 +140,11 @@ impl Crosstalk {
             rows.extend(own_rows);
         }
         let by_channel = |all: &[f64]| all.chunks(bands_nm.len()).map(<[f64]>::to_vec).collect();
-        let term = |(factors, kernel): (Vec<f64>, _)| Term { factors: by_channel(&factors), kernel };
+        let term = |(factors, kernel): (Vec<f64>, Vec<f64>)| Term {
+            factors: by_channel(&factors),
+            even: EvenKernel::of(&kernel, self.radius),
+            kernel,
+        };
         Corrections { radius: self.radius, terms: factorized(rows).into_iter().map(term).collect() }
     }
 }

@@ -13,8 +13,8 @@ const CASES: [(&str, &[&str], &[&str], &str); 13] = [
     ("plain", &[], &[], "972f22af"),
     ("angles by a half width", &["angle.stack_index=1.5", "angle.acceptance_deg=20"], &["CRA"], "a17a2ac4"),
     ("angles by a table", &ANGLES, &["CRA"], "590f0704"),
-    ("diffusion", &DIFFUSION, &[], "eebdd8e5"),
-    ("diffusion and angles", &[ANGLES[0], ANGLES[1], DIFFUSION[0], DIFFUSION[1]], &["CRA"], "81c9dc81"),
+    ("diffusion", &DIFFUSION, &[], "ca771dcc"),
+    ("diffusion and angles", &[ANGLES[0], ANGLES[1], DIFFUSION[0], DIFFUSION[1]], &["CRA"], "d03f6d57"),
     (
         "knee and blooming",
         &["pixel.knee=0.8", "pixel.blooming=0.9", "pixel.full_well_e=2000"],
