@@ -1,6 +1,7 @@
 //! The film of a job: created, or opened to be resumed if it belongs to the same job; its provenance attributes; its locks.
 
 pub mod group;
+pub mod plane;
 pub mod record;
 pub mod reported;
 

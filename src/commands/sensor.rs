@@ -28,7 +28,6 @@ use crate::failure::usage;
 use anyhow::Result;
 pub use directions::check_lens;
 pub use exposure::{Times, time};
-pub use film::FilmPlane;
 pub use geometry::Geometry;
 pub use open::open_sensor;
 pub use picture::temporary_raw;

@@ -9,8 +9,9 @@
 use super::bands::Bands;
 use crate::args::ExposeArgs;
 use crate::camera::recipe::least_one;
-use crate::commands::sensor::{FilmPlane, Geometry, Times, of_spectrum, open_sensor, time};
+use crate::commands::sensor::{Geometry, Times, of_spectrum, open_sensor, time};
 use crate::failure::usage;
+use crate::film::plane::FilmPlane;
 use anyhow::{Context, Result, anyhow};
 use formats::chart::{ArrayChart, NanPolicy};
 use formats::dataset::draw::Draw;

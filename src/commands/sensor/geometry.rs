@@ -1,8 +1,8 @@
 //! Position of the sensor on the film: its size, its centre, the weights of film pixels.
 
-use super::film::FilmPlane;
 use crate::args::{ExposeArgs, SizeArg, size_order_note};
 use crate::failure::usage;
+use crate::film::plane::FilmPlane;
 use crate::progress::log_line;
 use anyhow::Result;
 use pipeline::geometry::{Rect, Size};

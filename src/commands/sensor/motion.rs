@@ -1,11 +1,11 @@
 //! Motion of the camera during an exposure, from a table of shifts or of a gyroscope's rates (`--motion`): one frame of one time, of a film that reaches beyond the sensor by the motion.
 
 use super::exposure::Times;
-use super::film::FilmPlane;
 use super::geometry::Geometry;
 use crate::args::ExposeArgs;
 use crate::failure::usage;
 use crate::film::digest;
+use crate::film::plane::FilmPlane;
 use anyhow::Result;
 use formats::sensor::{self, camera_motion};
 use pipeline::sensor::Sensor;

@@ -2,7 +2,7 @@
 
 use super::directions::Directions;
 use super::exposure::{Times, flicker, time};
-use super::film::{Film, FilmPlane};
+use super::film::Film;
 use super::geometry::{Geometry, check_pitch, check_rois};
 use super::kept::Kept;
 use super::memory::{self, Memory, Needs};
@@ -13,6 +13,7 @@ use crate::args::ExposeArgs;
 use crate::camera::frame::split_group;
 use crate::camera::shading::recorded;
 use crate::failure::usage;
+use crate::film::plane::FilmPlane;
 use crate::job::light_units;
 use crate::machine::{MemoryLimit, threads};
 use crate::progress::given_number;
