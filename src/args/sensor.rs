@@ -142,6 +142,9 @@ pub struct ExposeArgs {
     /// Motion of the camera: CSV of time_s, x_um, y_um (shift of the picture, right and down), rotation_deg, or of time_s, rate_x_deg_s, rate_y_deg_s, rate_z_deg_s of a gyroscope; rows see it at their time
     #[arg(long, value_name = "FILE.csv", value_hint = clap::ValueHint::FilePath, help_heading = "Exposure")]
     pub motion: Option<PathBuf>,
+    /// Time of --motion at which the exposure of the first row begins: of the later frames of a burst, a raw each [default: 0]
+    #[arg(long, value_name = "TIME", requires = "motion", help_heading = "Exposure")]
+    pub motion_start: Option<String>,
     /// Focal length, for the rates of a gyroscope (camera axes: x right, y down, z forward)
     #[arg(long, value_name = "MM", value_parser = positive, help_heading = "Exposure")]
     pub focal_length_mm: Option<f64>,
@@ -229,6 +232,7 @@ impl ExposeArgs {
             temperature: None,
             flicker: None,
             motion: None,
+            motion_start: None,
             focal_length_mm: None,
             roi: Vec::new(),
             size: None,

@@ -3,7 +3,7 @@
 //! Axes of the camera: x to the right, y down, z forward. A rotation by θ_x turns the camera up, by θ_y to the right, by θ_z clockwise; the picture moves the other way:
 //!
 //! ```text
-//! θ(t) = ∫₀ᵗ ω dt        ω linear between samples
+//! θ(t) = ∫₀ᵗ ω dt        ω linear between samples; from the first sample on where that is later than 0
 //! shift right = −f tan θ_y        shift down = f tan θ_x        rotation = −θ_z (clockwise)
 //! ```
 //! f: focal length. Left out: the order of rotations, a change of θ² of a shift, and perspective: off the axis a shift grows by 1 + tan² of the field angle, of which the film has that at its middle.
@@ -15,7 +15,7 @@ use crate::real;
 /// Poses of an interval between two samples.
 const PARTS: usize = 8;
 
-/// Poses of a camera of `focal_length_mm` of samples of (time since the start of the first row, s; rates about x, y and z, rad/s), in order of time, the first at 0 or before, the last after it.
+/// Poses of a camera of `focal_length_mm` of samples of (time, s; rates about x, y and z, rad/s), in order of time.
 pub fn poses(samples: &[[f64; 4]], focal_length_mm: f64) -> Vec<Pose> {
     let mut angles: Vec<(f64, [f64; 3])> = Vec::with_capacity(samples.len() * PARTS);
     let mut angle = [0.0; 3];
@@ -36,7 +36,7 @@ pub fn poses(samples: &[[f64; 4]], focal_length_mm: f64) -> Vec<Pose> {
         angle = std::array::from_fn(|axis| angle[axis] + integral(axis, 1.0));
     }
     angles.push((samples[samples.len() - 1][0], angle));
-    let start = at(&angles, 0.0);
+    let start = at(&angles, samples[0][0].max(0.0));
     let focal_um = 1e3 * focal_length_mm;
     let pose = |(time_s, angle): &(f64, [f64; 3])| {
         let [x, y, z]: [f64; 3] = std::array::from_fn(|axis| angle[axis] - start[axis]);
@@ -82,6 +82,25 @@ mod tests {
             assert!((pose.x_um - expected[0]).abs() < 6e-3, "{pose:?}");
             assert!((pose.y_um - expected[1]).abs() < 1e-6, "{pose:?}");
             assert!((pose.rotation_rad - expected[2]).abs() < 1e-12, "{pose:?}");
+        }
+    }
+
+    /// Of a log that counts from another event than the exposure.
+    #[test]
+    fn angles_of_samples_that_begin_later_count_from_the_first() {
+        let samples = |from: f64| [0.0, 0.01, 0.03].map(|t| [from + t, 0.2, 0.1 + t, -0.4]);
+        let (at_zero, late) = (poses(&samples(0.0), 50.0), poses(&samples(1000.0), 50.0));
+        assert_eq!(late.len(), at_zero.len());
+        for (a, b) in late.iter().zip(&at_zero) {
+            let pairs = [
+                (a.time_s - 1000.0, b.time_s),
+                (a.x_um, b.x_um),
+                (a.y_um, b.y_um),
+                (a.rotation_rad, b.rotation_rad),
+            ];
+            for (a, b) in pairs {
+                assert!((a - b).abs() < 1e-6, "{a} {b}");
+            }
         }
     }
 }

@@ -108,7 +108,7 @@ fn motion(args: &MotionArgs, chart: &Chart, exposure_s: f64, pitch_um: f64) -> R
             )));
         }
     };
-    check_covers(&args.motion, &table, exposure_s)?;
+    check_covers(&args.motion, &table, (0.0, exposure_s))?;
     let size = chart.size();
     let times = RowTimes { row_time_s: 0.0, exposure_s, rows: 1, first_px: 0.0, row_px: 1.0 };
     let middle = |n: usize| (n as f64 - 1.0) / 2.0;

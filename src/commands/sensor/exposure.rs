@@ -42,6 +42,16 @@ fn seconds(word: &str) -> Result<f64, String> {
     }
 }
 
+/// As [`time`], or 0.
+pub fn time_or_zero(flag: &str, text: &str) -> Result<f64> {
+    let number =
+        ["ms", "us", "µs", "s"].iter().find_map(|unit| text.trim().strip_suffix(unit)).unwrap_or(text);
+    match number.trim().parse() {
+        Ok(0.0) => Ok(0.0),
+        _ => time(flag, text),
+    }
+}
+
 /// The time that a flag gives, s.
 pub fn time(flag: &str, text: &str) -> Result<f64> {
     seconds(text).map_err(|e| usage(format!("{flag} {text}: {e}")))

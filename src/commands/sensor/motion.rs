@@ -1,6 +1,6 @@
 //! Motion of the camera during an exposure, from a table of shifts or of a gyroscope's rates (`--motion`): one frame of one time, of a film that reaches beyond the sensor by the motion.
 
-use super::exposure::Times;
+use super::exposure::{Times, time_or_zero};
 use super::geometry::Geometry;
 use crate::args::ExposeArgs;
 use crate::failure::usage;
@@ -49,7 +49,7 @@ impl CameraMotion {
             Times::Given(times) if times.len() == 1 && args.frames == 1 && !args.keep_signal => times[0],
             _ => {
                 return Err(usage(
-                    "--motion: expected one frame of one exposure time, without --keep-signal, for each has a signal of its own; give --exposure TIME, and for other frames a table that begins later",
+                    "--motion: expected one frame of one exposure time, without --keep-signal, for each has a signal of its own; give --exposure TIME, and for other frames --motion-start",
                 ));
             }
         };
@@ -65,10 +65,13 @@ impl CameraMotion {
             first_px: middle_px - 0.5 * rows.sensor_px as f64 * row_px,
             row_px,
         };
-        check_covers(path, table, times.end_s())?;
+        let start_s = args.motion_start.as_deref();
+        let start_s = start_s.map_or(Ok(0.0), |text| time_or_zero("--motion-start", text))?;
+        check_covers(path, table, (start_s, times.end_s()))?;
         let axis = |n: usize, axis_um: f64| (n as f64 - 1.0) / 2.0 + axis_um / film.pitch_um;
         let axis_px = (axis(film.size.height, film.axis_um.0), axis(film.size.width, film.axis_um.1));
-        let poses = poses(args, path, &motion)?;
+        let mut poses = poses(args, path, &motion)?;
+        poses.iter_mut().for_each(|pose| pose.time_s -= start_s);
         let identity_of_table = match args.focal_length_mm {
             None => json!(table),
             Some(mm) => json!([mm, table]),
@@ -83,11 +86,15 @@ impl CameraMotion {
             )));
         }
         check_inside(path, &motion, film, geometry)?;
-        let identity = json!({
+        let mut identity = json!({
             "table": digest(&identity_of_table),
             "exposure_s": exposure_s,
             "row_time_s": sensor.row_time_s,
         });
+        // Absent at 0: the identity is then that of programs without this flag.
+        if start_s > 0.0 {
+            identity["start_s"] = start_s.into();
+        }
         let note = format!(
             "motion of the camera: the picture moves by up to {:.1} film pixels; each row is the mean of {} moments",
             reach_um(&motion, film, geometry) / film.pitch_um,
@@ -140,16 +147,16 @@ pub fn shifted(rows: &[[f64; 4]]) -> Vec<Pose> {
     rows.iter().map(pose).collect()
 }
 
-/// Fails for a table that does not span an exposure that ends at `end_s`.
+/// Fails for a table that does not span an exposure that begins at `start_s` and lasts `length_s` with all rows.
 ///
 /// # Errors
 /// Usage.
-pub fn check_covers(path: &Path, table: &[[f64; 4]], end_s: f64) -> Result<()> {
-    let (first_s, last_s) = (table[0][0], table[table.len() - 1][0]);
-    match first_s <= 0.0 && last_s >= end_s * (1.0 - 1e-9) {
+pub fn check_covers(path: &Path, table: &[[f64; 4]], (start_s, length_s): (f64, f64)) -> Result<()> {
+    let (first_s, last_s, end_s) = (table[0][0], table[table.len() - 1][0], start_s + length_s);
+    match first_s <= start_s && last_s >= end_s * (1.0 - 1e-9) {
         true => Ok(()),
         false => Err(usage(format!(
-            "--motion {}: expected times from 0 to {end_s} s, the end of the exposure, found {first_s} to {last_s} s",
+            "--motion {}: expected times from {start_s} to {end_s} s, the end of the exposure, found {first_s} to {last_s} s",
             path.display()
         ))),
     }

@@ -111,6 +111,43 @@ fn rates_of_a_gyroscope_are_shifts_by_the_focal_length() {
     refused(&shifts, &["--focal-length-mm", "20"], "has shifts of the picture");
 }
 
+/// A frame that begins later sees the table from there on.
+#[test]
+fn an_exposure_begins_at_a_time_of_the_table() {
+    let place = Place::new();
+    let film = film(&place);
+    let table_of = |name: &str, from: f64| {
+        let rows = [(0.0, 0.0), (0.01, 4.0), (0.02, 20.0), (0.04, 24.0)];
+        let row = |(t, x): (f64, f64)| format!("{},{x},{},0\n", t - from, 0.5 * x);
+        table(&place, name, &rows.map(row).concat())
+    };
+    let (whole, later) = (table_of("whole.csv", 0.0), table_of("later.csv", 0.015));
+    let exposed = |name: &str, motion: &Path, flags: &[&str]| {
+        numbers(&exposed(&place, name, &film, Some(motion), &[&["--exposure", "10ms"], flags].concat()))
+    };
+    let found = exposed("a.zarr", &whole, &["--motion-start", "15ms"]);
+    assert!(found == exposed("b.zarr", &later, &[]));
+    assert!(found != exposed("c.zarr", &whole, &["--motion-start", "0"]));
+    // Rates of a log that begins at another time: their angles count from its first row.
+    let rates = |name: &str, from: f64| {
+        let row = |t: f64| format!("{},4,4,0\n", from + t);
+        let path = place.at(name);
+        let text =
+            format!("time_s,rate_x_deg_s,rate_y_deg_s,rate_z_deg_s\n{}", [0.0, 0.02].map(row).concat());
+        fs::write(&path, text).unwrap();
+        path
+    };
+    let focal = ["--focal-length-mm", "20"];
+    let found = exposed("d.zarr", &rates("late.csv", 2.0), &[&focal[..], &["--motion-start", "2s"]].concat());
+    let expected = exposed("e.zarr", &rates("early.csv", 0.0), &focal);
+    let largest = found.iter().zip(&expected).map(|(a, b)| (a - b).abs()).fold(0.0, f64::max);
+    let peak = expected.iter().copied().fold(0.0, f64::max);
+    assert!(largest < 1e-3 * peak, "{largest} of {peak}");
+    let flags = ["--exposure", "10ms", "--motion", whole.to_str().unwrap(), "--motion-start", "31ms"];
+    let refused = sensor(&film, &place.at("no"), &[&OWN[..], &flags].concat());
+    assert_exit(&refused, USAGE, &["expected times from 0.031 to 0.041"]);
+}
+
 #[test]
 fn a_rolling_shutter_slants_a_column() {
     let place = Place::new();
