@@ -12,12 +12,12 @@ use std::path::PathBuf;
 lenscube compare f2.raw.zarr f4.raw.zarr --out compared --edge 1020,900,1034,1060 --patch 300,300,40,40\n  \
 lenscube compare film-a.zarr film-b.zarr --out compared --edge 1020,900,1034,1060\n\
 Raws of one --seed and --die have the same noise: their difference is that of lens, aperture or film alone. The directory gets report.html,\n\
-difference.png, figures and tables (CSV, JSON). Films are compared band by band, in their unit. Positions are pixels of the raw or film.")]
+difference.png, figures and tables (CSV, JSON). Films are compared band by band, in their unit. Positions are pixels of the raw or film, of films of other pixels the common ones.")]
 pub struct CompareArgs {
     /// First raw or film, PATH or PATH//roi_0
     #[arg(value_name = "A")]
     pub first: String,
-    /// Second one: a raw of the same pixels and filters, or of another sensor (each by itself, in the same places), or a film of the same pixels
+    /// Second one: a raw of the same pixels and filters, or of another sensor (each by itself, in the same places), or a film; of films of other pixels both are compared at the coarser ones
     #[arg(value_name = "B")]
     pub second: String,
     /// Directory for the report

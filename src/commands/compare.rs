@@ -1,4 +1,4 @@
-//! `lenscube compare`: two raws of the same sensor pixels, or two films ([`films`]), difference by difference; raws of different sensors side by side ([`sensors`]).
+//! `lenscube compare`: two raws of the same sensor pixels, or two films ([`films`], of other pixels at [`common_pixels`]), difference by difference; raws of different sensors side by side ([`sensors`]).
 //!
 //! All figures of raws are electrons, e = (DN − black)/(g·K), so that gains and black levels do not matter:
 //!
@@ -12,6 +12,7 @@
 //! Under one seed and die both raws draw the same random numbers, so the standard deviation of d is far below the noise-equivalent
 //! difference, and what remains is the difference of the two films.
 
+mod common_pixels;
 mod edges;
 mod film_report;
 mod films;

@@ -62,8 +62,14 @@ fn html(found: &Comparison, figures: &Figure) -> String {
         [Some(a), Some(b)] if a == b => format!(" Values in {a}."),
         _ => String::new(),
     };
+    let common = found.common.as_ref().map_or(String::new(), |c| {
+        format!(
+            " The films have other pixels: both are compared at {} x {} px of {} µm, on which the optical axis is at {}, {} px (right, down).",
+            c["width"], c["height"], c["pitch_um"], c["axis_px"]["x"], c["axis_px"]["y"]
+        )
+    });
     let mut body = format!(
-        "<p>A: <b>{}</b><br>B: <b>{}</b>.{}</p><h2>Difference B &minus; A</h2><p>{}</p><img src=\"difference.png\" alt=\"difference\">\
+        "<p>A: <b>{}</b><br>B: <b>{}</b>.{}{common}</p><h2>Difference B &minus; A</h2><p>{}</p><img src=\"difference.png\" alt=\"difference\">\
          <h2>Difference over wavelength; MTF</h2>{}",
         escape(&found.names[0]),
         escape(&found.names[1]),

@@ -1,25 +1,32 @@
-//! Two films, or charts, of the same pixels: difference by band and region, MTF of edges.
+//! Two films, or charts: difference by band and region, MTF of edges.
 //!
 //! ```text
 //! d = B − A of each pixel, in the unit of the films, in the bands that both have
 //! RMS d = √(Σ d²/n),    share: RMS d over the RMS of A
 //! MTF: e-SFR of an edge in each film, by the estimators of `lenscube measure`
 //! ```
-//! The picture shows the mean of d over the bands.
+//! Films of other pixels are seen at common ones ([`super::common_pixels`]). The picture shows the mean of d over the bands.
 
+use super::common_pixels::CommonPixels;
 use super::regions::{Difference, MAX_SIDE, ROWS, cell_rects, draw};
 use crate::args::CompareArgs;
+use crate::camera::frame::{array_index, split_group};
 use crate::commands::measure::{Measurement, edge};
 use crate::failure::{line as message, usage};
+use crate::film::plane::FilmPlane;
+use crate::job::light_units::{self, Quantity};
 use crate::machine::threads;
 use crate::open::{self, Chart};
 use crate::progress::{log_line, number};
 use anyhow::{Context, Result, bail};
 use formats::chart::NanPolicy;
+use formats::film::FilmStore;
+use formats::group::GroupError;
 use formats::parallel;
 use pipeline::geometry::{Rect, Size};
 use serde_json::{Value, json};
 use std::fmt::Write;
+use std::path::{Path, PathBuf};
 use std::sync::Mutex;
 
 /// Cache of decoded chunks of each film.
@@ -62,6 +69,8 @@ pub struct Comparison {
     pub names: [String; 2],
     /// Their units, where stated.
     pub units: [Option<String>; 2],
+    /// Common pixels of films of other ones, as they are reported.
+    pub common: Option<Value>,
     /// Bands.
     pub bands: Vec<Band>,
     rects: Vec<Rect>,
@@ -74,7 +83,7 @@ pub struct Comparison {
 /// Compares the films of `args`.
 ///
 /// # Errors
-/// Usage: flags of raws; films of other pixels or without a band in common. A film that is not complete; a read error.
+/// Usage: flags of raws; films without a pixel or a band in common, edges of films of other pixels. A film that is not complete; a read error.
 pub fn compare(args: &CompareArgs) -> Result<Comparison> {
     if !args.patch.is_empty() || args.frame != 0 {
         return Err(usage(
@@ -87,9 +96,11 @@ pub fn compare(args: &CompareArgs) -> Result<Comparison> {
     films.measure(args.grid as usize, threads(args.threads), edges)
 }
 
-/// Two films of the same pixels.
+/// Two films.
 struct Films {
     charts: [Chart; 2],
+    /// Where their pixels differ.
+    common: Option<CommonPixels>,
     names: [String; 2],
     /// Wavelength in nm, and the band's index in each film.
     bands: Vec<(f64, [usize; 2])>,
@@ -105,23 +116,14 @@ impl Films {
             (Some(a), Some(b)) => (a - b).abs() <= SAME_PITCH * a,
             _ => true,
         };
-        if a.size() != b.size() || !same_pitch {
-            let words = |c: &Chart| {
-                let pitch = c.pitch_um().map_or(String::new(), |um| format!(" of {} µm", number(um)));
-                format!("{} px{pitch}", c.size())
-            };
-            return Err(usage(format!(
-                "{} and {}: expected films of the same pixels, found {} and {}",
-                names[0],
-                names[1],
-                words(a),
-                words(b)
-            )));
-        }
+        let common = match a.size() != b.size() || !same_pitch {
+            true => Some(common_pixels(args, &names, &charts)?),
+            false => None,
+        };
         let (nm_a, nm_b) = (a.wavelengths_nm()?, b.wavelengths_nm()?);
         let in_b = |nm: f64| nm_b.iter().position(|other| (other - nm).abs() <= SAME_NM);
-        let common = nm_a.iter().enumerate().filter_map(|(i, nm)| Some((*nm, [i, in_b(*nm)?])));
-        let bands: Vec<_> = common.collect();
+        let in_both = nm_a.iter().enumerate().filter_map(|(i, nm)| Some((*nm, [i, in_b(*nm)?])));
+        let bands: Vec<_> = in_both.collect();
         let listed = |nm: &[f64]| nm.iter().map(|v| number(*v).to_string()).collect::<Vec<_>>().join(", ");
         if bands.is_empty() {
             return Err(usage(format!(
@@ -143,7 +145,7 @@ impl Films {
                 "note: the films are in other units, {first} and {second}: their values are compared as they are"
             ));
         }
-        Ok(Self { charts, names, bands })
+        Ok(Self { charts, common, names, bands })
     }
 
     /// MTF of the edge near a line in each film.
@@ -171,12 +173,20 @@ impl Films {
         }
     }
 
+    /// Rows of the finer film for one that is compared.
+    fn ratio(&self) -> f64 {
+        let finest = self.charts.iter().filter_map(Chart::pitch_um).fold(f64::INFINITY, f64::min);
+        self.common.as_ref().map_or(1.0, |common| common.pitch_um / finest)
+    }
+
     /// Differences of all bands and regions.
     fn measure(self, grid: usize, threads: usize, edges: Vec<Edge>) -> Result<Comparison> {
-        let size = self.charts[0].size();
+        let size = self.common.as_ref().map_or(self.charts[0].size(), |common| common.size);
         let cells = (grid.min(size.height), grid.min(size.width));
         let block = size.height.max(size.width).div_ceil(MAX_SIDE);
-        let step = ROWS.next_multiple_of(block);
+        // About as many rows of the finer film.
+        let rows = (ROWS as f64 / self.ratio()).max(1.0) as usize;
+        let step = rows.next_multiple_of(block);
         let strips = size.height.div_ceil(step);
         let wide = size.width.div_ceil(block);
         let mut picture = vec![0f64; size.height.div_ceil(block) * wide];
@@ -206,6 +216,7 @@ impl Films {
         Ok(Comparison {
             units: [0, 1].map(|k| self.charts[k].units().map(str::to_owned)),
             names: self.names,
+            common: self.common.as_ref().map(common_json),
             bands,
             rects: cell_rects(size, cells),
             edges,
@@ -245,11 +256,19 @@ impl Films {
     }
 
     fn read(&self, film: usize, band: usize, rect: Rect) -> Result<Vec<f32>> {
-        let mut pixels = vec![0f32; rect.size().pixels()];
-        self.charts[film].source().read(band, rect, &mut pixels).map_err(anyhow::Error::from_boxed)?;
+        let source = self.charts[film].source();
+        let pixels = match &self.common {
+            Some(common) => common.views[film].read(source, band, rect),
+            None => {
+                let mut pixels = vec![0f32; rect.size().pixels()];
+                source.read(band, rect, &mut pixels).map(|()| pixels)
+            }
+        };
+        let pixels = pixels.map_err(anyhow::Error::from_boxed)?;
         if let Some(i) = pixels.iter().position(|v| !v.is_finite()) {
+            let of = if self.common.is_some() { " of the common pixels" } else { "" };
             bail!(
-                "{}: row {}, column {} is {}: the film is not complete; finish its run first",
+                "{}: row {}, column {}{of} is {}: the film is not complete; finish its run first",
                 self.names[film],
                 rect.y + (i / rect.width) as i64,
                 i % rect.width,
@@ -258,6 +277,87 @@ impl Films {
         }
         Ok(pixels)
     }
+}
+
+/// The pixels at which films of other pixels are compared, of which a note is printed.
+///
+/// # Errors
+/// Usage: edges; films without a pixel pitch, or that have no pixel in common.
+fn common_pixels(args: &CompareArgs, names: &[String; 2], charts: &[Chart; 2]) -> Result<CommonPixels> {
+    let [a, b] = charts;
+    let words = |c: &Chart| {
+        let pitch = c.pitch_um().map_or(String::new(), |um| format!(" of {} µm", number(um)));
+        format!("{} px{pitch}", c.size())
+    };
+    let refused = |expected: &str| {
+        let [first, second] = names;
+        usage(format!("{first} and {second}: expected {expected}, found {} and {}", words(a), words(b)))
+    };
+    let (Some(pitch_a), Some(pitch_b)) = (a.pitch_um(), b.pitch_um()) else {
+        return Err(refused("films of the same pixels, or with a pixel pitch"));
+    };
+    if !args.edge.is_empty() {
+        return Err(refused(
+            "films of the same pixels for --edge, which is a place in pixels; `lenscube measure` measures an edge of one film",
+        ));
+    }
+    let per_pixel = |c: &Chart| {
+        c.units().and_then(light_units::parse).is_some_and(|(quantity, _)| quantity == Quantity::Photons)
+    };
+    if per_pixel(a) || per_pixel(b) {
+        return Err(refused(
+            "films of the same pixels where values are photons of a pixel; make them in W m-2 nm-1 (--film-units)",
+        ));
+    }
+    let planes = [plane(&names[0], a, pitch_a)?, plane(&names[1], b, pitch_b)?];
+    let common = CommonPixels::new(&planes).ok_or_else(|| {
+        refused("films that have a pixel of the film plane in common, about their optical axis")
+    })?;
+    log_line(format!(
+        "note: the films have other pixels ({} and {}): both are compared at the {} px of {} µm of the coarser one that lie on both",
+        words(a),
+        words(b),
+        common.size,
+        number(common.pitch_um)
+    ));
+    Ok(common)
+}
+
+/// Common pixels in the report.
+fn common_json(common: &CommonPixels) -> Value {
+    let CommonPixels { size, pitch_um, axis_px: (y, x), .. } = common;
+    json!({ "width": size.width, "height": size.height, "pitch_um": pitch_um, "axis_px": { "x": x, "y": y } })
+}
+
+/// Where the pixels of the film or chart `name` are; of one that is no film of this program, and records no axis, about its middle, of which a note is printed.
+///
+/// # Errors
+/// A film that cannot be opened; usage: an array that it does not have.
+fn plane(name: &str, chart: &Chart, pitch_um: f64) -> Result<FilmPlane> {
+    let (path, array) = split_group(name);
+    let mut found = (FilmStore::open(Path::new(path), true), array.to_owned());
+    if let (Err(GroupError::NotOfKind { .. }), true) = (&found.0, array.is_empty()) {
+        // An array of a film, FILM/roi_0.
+        let whole = PathBuf::from(path);
+        if let (Some(parent), Some(last)) = (whole.parent(), whole.file_name()) {
+            let of_parent = FilmStore::open(parent, true);
+            if of_parent.is_ok() {
+                found = (of_parent, last.to_string_lossy().into_owned());
+            }
+        }
+    }
+    let (store, array) = match found {
+        (Ok(store), array) => (store, array),
+        (Err(GroupError::NotOfKind { .. }), _) => {
+            if !name.starts_with("gen:") {
+                log_line(format!("note: {name} records no optical axis: its middle is taken for it"));
+            }
+            return Ok(FilmPlane { size: chart.size(), pitch_um, axis_um: (0.0, 0.0) });
+        }
+        (Err(e), _) => return Err(e.into()),
+    };
+    let names: Vec<&str> = store.spec().outputs.iter().map(|output| output.name.as_str()).collect();
+    Ok(FilmPlane::new(store.spec(), array_index("film", path, &names, &array)?))
 }
 
 /// Sums of a strip of rows by region, and its rows of the picture.
@@ -356,6 +456,7 @@ impl Comparison {
         json!({
             "films": self.names,
             "units": self.units,
+            "common_pixels": self.common,
             "bands": self.bands.iter().map(band).collect::<Vec<_>>(),
             "edges": self.edges.iter().map(edge).collect::<Vec<_>>(),
         })

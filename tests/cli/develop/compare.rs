@@ -216,14 +216,90 @@ fn films_are_compared_band_by_band() {
     assert!(!at("edge/mtf.csv").exists() && json(&at("edge"))["bands"][0]["difference_rms"] == 0.0);
     for (a, b, flags, words) in [
         (&a, &uniform(0.5, "400"), &[][..], &["no band of one is in the other"][..]),
-        (&a, &a.replace("size=90", "size=91"), &[], &["same pixels", "90x90 px", "91x91 px"]),
-        (&a, &a.replace("pitch_um=2", "pitch_um=3"), &[], &["same pixels", "of 3 µm"]),
+        (&a, &a.replace("size=90", "size=91"), &["--edge", "9,9,60,60"], &["--edge", "90x90 px", "91x91 px"]),
         (&a, &a, &["--patch", "1,1,5,5"], &["--patch", "raws"]),
         (&a, &a, &["--edge", "10,10,60,60"], &["--edge 10,10,60,60"]),
     ] {
         assert_exit(&compare(a, b, &at("never"), flags), USAGE, words);
     }
     assert!(!at("never").exists());
+}
+
+/// Of a film of pixels of 2 µm about another place of the axis, and of 4 µm: the means over the pixels of the coarser one, of the part that both have.
+#[test]
+fn films_of_other_pixels_are_compared_at_common_ones() {
+    let place = Place::new();
+    let chart = "gen:slanted-edge?size=240&pitch_um=2&wavelengths=550&angle_deg=5";
+    let (fine, coarse) = (place.at("fine"), place.at("coarse"));
+    crate::common::run(
+        chart,
+        &fine,
+        LENS,
+        &["--stages", "ri", "--film-size", "200x160", "--axis", "99.5,59.5"],
+    )
+    .ok();
+    let half = ["--stages", "ri", "--film-size", "120", "--film-pitch-um", "4", "--scale", "0.5"];
+    crate::common::run(chart, &coarse, LENS, &half).ok();
+    for (k, (a, b)) in [(&fine, &coarse), (&coarse, &fine)].into_iter().enumerate() {
+        let out = place.at(&format!("out-{k}"));
+        let ran = lenscube(&["compare", text(a), text(b), "--out", text(&out)]).ok();
+        assert!(ran.stderr.contains("100x80 px of 4 µm"), "{}", ran.stderr);
+        let found: serde_json::Value =
+            serde_json::from_str(&std::fs::read_to_string(out.join("compare.json")).unwrap()).unwrap();
+        assert_eq!(
+            found["common_pixels"],
+            serde_json::json!({ "width": 100, "height": 80, "pitch_um": 4.0, "axis_px": { "x": 49.5, "y": 29.5 } })
+        );
+        let band = &found["bands"][0];
+        let share = band["difference_rms_share"].as_f64().unwrap();
+        assert!(share < 1e-4, "{band}");
+    }
+}
+
+#[test]
+fn places_of_films_of_other_pixels_are_those_that_they_record() {
+    let place = Place::new();
+    let chart = "gen:slanted-edge?size=240&pitch_um=2&wavelengths=550&angle_deg=5";
+    let (regions, coarse) = (place.at("regions"), place.at("coarse"));
+    let roi = ["--stages", "ri", "--roi", "140,20,80,80"];
+    crate::common::run(chart, &regions, LENS, &roi).ok();
+    let half = ["--stages", "ri", "--film-size", "120", "--film-pitch-um", "4", "--scale", "0.5"];
+    crate::common::run(chart, &coarse, LENS, &half).ok();
+    let out = place.at("out");
+    let compare = |a: &str, b: &str, flags: &[&str]| {
+        lenscube(&[&["compare", a, b, "--out", text(&out), "--overwrite"], flags].concat())
+    };
+    // A region beside the axis, by both of its names.
+    for name in [format!("{}//roi_0", text(&regions)), format!("{}/roi_0", text(&regions))] {
+        compare(&name, text(&coarse), &[]).ok();
+        let found: serde_json::Value =
+            serde_json::from_str(&std::fs::read_to_string(out.join("compare.json")).unwrap()).unwrap();
+        assert_eq!(
+            (&found["common_pixels"]["width"], &found["common_pixels"]["height"]),
+            (&40.into(), &40.into())
+        );
+        assert!(found["bands"][0]["difference_rms_share"].as_f64().unwrap() < 1e-4, "{name}: {found}");
+    }
+    // Photons of a pixel are not comparable; regions that lie apart have nothing in common.
+    let photons = place.at("photons");
+    crate::common::run(chart, &photons, LENS, &["--stages", "ri", "--film-units", "photons"]).ok();
+    assert_exit(&compare(text(&photons), text(&coarse), &[]), USAGE, &["photons of a pixel", "240x240 px"]);
+    let apart = place.at("apart");
+    let roi = [
+        "--stages",
+        "ri",
+        "--film-size",
+        "120",
+        "--film-pitch-um",
+        "4",
+        "--scale",
+        "0.5",
+        "--roi",
+        "0,80,20,20",
+    ];
+    crate::common::run(chart, &apart, LENS, &roi).ok();
+    let (a, b) = (format!("{}//roi_0", text(&regions)), format!("{}//roi_0", text(&apart)));
+    assert_exit(&compare(&a, &b, &[]), USAGE, &["have a pixel of the film plane in common"]);
 }
 
 #[test]
