@@ -56,8 +56,8 @@ use crate::job::layers::JobLayer;
 use crate::job::lens::known::KnownLenses;
 use crate::job::lens::request::difference;
 use crate::job::lens::{JobLens, UntracedLens};
-use crate::job::memory::Memory;
-use crate::machine::excess_note;
+use crate::job::memory::{Memory, least};
+use crate::machine::{MAX_DEFAULT, MemoryLimit, excess_note};
 use crate::open::{self, Chart};
 use anyhow::{Context, Result};
 use arguments::Arguments;
@@ -275,6 +275,12 @@ impl<'a> UntracedJob<'a> {
     /// Every other error of the run that can be found before its first pixel.
     pub fn traced(self) -> Result<Job> {
         let Self { args, planned, mut arguments, mut inputs, lens, has_tails, mut layers, film } = self;
+        if matches!(lens, UntracedLens::Design(_)) {
+            let chunks = inputs.chart.chunk_memory(&inputs.chart_bands());
+            let limit = MemoryLimit::new(args.memory, MAX_DEFAULT);
+            let of_film = (&film, inputs.film_bands.len(), &film::regions(&film)[..]);
+            least::check(limit, of_film, chunks, arguments.threads)?;
+        }
         let request = lens.request(args);
         let mut plan = JobPlan::new(&arguments, &inputs, lens, film)?;
         if has_tails {

@@ -7,6 +7,7 @@
 //! the disk, and decoded chart chunks (up to what a row of shards reads, or two rows of a GPU's tiles). Nothing here changes a pixel.
 
 mod depth;
+pub mod least;
 mod spectra;
 
 use crate::args::BinArg;

@@ -400,3 +400,16 @@ fn memory_is_planned_within_the_limit_of_the_address_space() {
     check(&limited(400_000, &given), USAGE, &["--memory 105MiB is too small", "raise the limit"]);
     assert!(!out.exists());
 }
+
+/// Too little for the film with any lens is refused before its lens is traced.
+#[test]
+fn a_limit_below_the_film_itself_is_refused_before_the_trace() {
+    let place = Place::new();
+    let (cache, film) = (place.at("cache"), place.at("film.zarr"));
+    let mut command = Command::new(env!("CARGO_BIN_EXE_lenscube"));
+    command.args(["run", "gen:uniform?size=64&wavelengths=500", text(&film), "--lens", "double-gauss-28"]);
+    command.args(["--memory", "20MiB"]).env("XDG_CACHE_HOME", &cache);
+    let refused = CommandResult::new(&command.output().unwrap());
+    check(&refused, USAGE, &["--memory 20MiB is too small", "of its lens more"]);
+    assert!(!refused.stderr.contains("tracing") && !cache.exists() && !film.exists(), "{}", refused.stderr);
+}
