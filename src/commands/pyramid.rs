@@ -8,6 +8,7 @@ use crate::progress::interrupt;
 use crate::progress::mib;
 use crate::progress::{counting, log_line, plural, report_kept};
 use anyhow::Result;
+use formats::film::FilmStore;
 use formats::group::{GroupError, JobGroup};
 use formats::pyramid::{Pyramid, PyramidState, level_sizes};
 use pipeline::geometry::Size;
@@ -18,7 +19,10 @@ pub fn command(args: &PyramidArgs) -> Result<u8> {
     interrupt::listen();
     match reported::raw(&args.film)? {
         Some(raw) => make(&raw.pyramid(), args.threads, args.memory, args.take_over),
-        None => make(&reported::film(&args.film)?.pyramid(), args.threads, args.memory, args.take_over),
+        None => {
+            let film = reported::opened_of_kinds("a film or raw", FilmStore::open(&args.film, true))?;
+            make(&film.pyramid(), args.threads, args.memory, args.take_over)
+        }
     }
 }
 

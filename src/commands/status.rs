@@ -23,7 +23,7 @@ pub fn command(args: &StatusArgs) -> Result<u8> {
     let plan = args.plan.as_deref().map(Plan::read).transpose()?.map(|(plan, _)| plan);
     let planned_film = || plan.as_ref().and_then(|p| p.command.film.as_ref()).map(PathBuf::from);
     let film = args.film.clone().or_else(planned_film).context("the plan contains no film")?;
-    let store = reported::film(&film)?;
+    let store = reported::opened_of_kinds("a film, raw or scene", FilmStore::open(&film, true))?;
     let mut units = None;
     if let (Some(plan), Some(path)) = (&plan, &args.plan) {
         plan.check_film(path, &store)?;

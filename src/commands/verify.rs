@@ -27,7 +27,8 @@ pub fn command(args: &VerifyArgs) -> Result<u8> {
     if let Some(code) = other::verify(args)? {
         return Ok(code);
     }
-    let store = reported::opened_film(FilmStore::open_to_verify(&args.film, true))?;
+    let film = FilmStore::open_to_verify(&args.film, true);
+    let store = reported::opened_of_kinds("a film, raw, scene or data set", film)?;
     // No run may write meanwhile the files that would be removed.
     let locks = if args.repair { lock_all(&args.film, args.take_over)? } else { Vec::new() };
     store.group().check_in_place()?;

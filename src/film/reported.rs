@@ -33,6 +33,23 @@ pub fn opened_film(film: Result<FilmStore, GroupError>) -> Result<FilmStore> {
     })
 }
 
+/// As [`opened_film`], where the command takes other `kinds` of groups as well, which were looked for before.
+///
+/// # Errors
+/// As [`film`].
+pub fn opened_of_kinds(kinds: &str, film: Result<FilmStore, GroupError>) -> Result<FilmStore> {
+    match film {
+        Err(GroupError::NotOfKind { path, found, .. }) => {
+            let path = path.display();
+            let message = format!(
+                "opening {path}: found {found}, expected {kinds} of this program; nothing was changed"
+            );
+            Err(Coded { code: code::FAILED, message }.into())
+        }
+        film => opened_film(film),
+    }
+}
+
 /// The raw at `path`; `None` if it is none.
 ///
 /// # Errors
