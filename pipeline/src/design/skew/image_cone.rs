@@ -16,7 +16,7 @@ use super::trace::SkewTracer;
 use crate::lens::cone_field::ConeGrid;
 
 /// Nodes along a side of the grid.
-const SIDE: usize = 33;
+const SIDE: usize = 17;
 /// Rings and spokes of the quadrature: the moments are smooth.
 const RINGS: usize = 7;
 const SPOKES: usize = 18;
@@ -125,14 +125,14 @@ mod tests {
         );
     }
 
-    /// Smooth where nothing clips the pupil; where apertures begin to, at the axis too, the numbers have kinks: 2e-4 is 0.01 degrees.
+    /// Smooth where nothing clips the pupil; where apertures begin to, at the axis too, the numbers have kinks: 5e-4 is 0.03 degrees.
     #[test]
     fn cones_between_nodes_are_those_of_rays() {
         let errors = [lens_0(), vec![film([2e-3, -3e-3])]].concat();
         let range = FilmRange { x_mm: [-9.0, 12.0], y_mm: [-4.0, 8.0] };
         let clipped = test_lenses::lens("mirrorless-50");
         for (system, errors, tolerance) in
-            [(double_gauss(RayAiming::Real), &errors[..], 1e-8), (clipped, &errors[errors.len() - 1..], 2e-4)]
+            [(double_gauss(RayAiming::Real), &errors[..], 1e-6), (clipped, &errors[errors.len() - 1..], 5e-4)]
         {
             let built = BuiltLens::new(&system, errors).unwrap();
             let grid = film_cones(&built, UM, range).unwrap();
