@@ -10,6 +10,7 @@
 //! So amplitudes are exponentially distributed, as the tails of measured dark currents and of telegraph amplitudes about are. Hot pixels belong to the dark current (`--noise dark`), telegraph noise to the read noise (`read`). Figures of EMVA 1288 are those of all
 //! pixels, defects included; the noise that developments and comparisons assume is without them.
 
+use super::LANES;
 use super::quantile::ln;
 use serde::{Deserialize, Serialize};
 
@@ -27,8 +28,9 @@ pub struct Defects {
     pub telegraph_e: f64,
 }
 
-/// −ln(u/density) where u is below the density, else 0: exponential numbers of mean 1 of a share of the pixels.
+/// −ln(u/density) where u is below the density, else 0: exponential numbers of mean 1 of a share of the pixels. None if all are 0.
 #[inline(always)]
-pub(super) fn amplitude(u: f64, density: f64) -> f64 {
-    if u < density { -ln(u / density) } else { 0.0 }
+pub(super) fn amplitudes(u: &[f64; LANES], density: f64) -> Option<[f64; LANES]> {
+    let any = u.iter().fold(false, |any, u| any | (*u < density));
+    any.then(|| u.map(|u| if u < density { -ln(u / density) } else { 0.0 }))
 }

@@ -101,17 +101,25 @@ impl Columns {
     ) {
         let (n, begin, of_columns) = (sums.len(), vector * VECTOR, &self.weights[vector]);
         if lanes.len() < VECTOR {
+            let count = VECTOR.min(n - begin);
+            let is_own: [bool; VECTOR] = std::array::from_fn(|i| lanes.contains(&i));
+            let mut sum = [0.0; VECTOR];
+            sum[..count].copy_from_slice(&sums[begin..][..count]);
             for (k, (uniform, nodes)) in weights.iter().enumerate() {
-                let line = lines[first + k];
-                let e = std::array::from_fn(|i| line.get(begin + i).map_or(0.0, |v| (*v).into()));
+                let line = &lines[first + k][begin..][..count];
+                let mut e = [0.0; VECTOR];
+                e.iter_mut().zip(line).for_each(|(e, v)| *e = (*v).into());
                 let of_band = weighed(uniform, of_columns, nodes, &e);
-                for i in lanes.clone() {
-                    sums[begin + i] += of_band[i];
-                    if let Some(term) = terms.get_mut((first + k) * n + begin + i) {
-                        *term = of_band[i] as f32;
-                    }
+                for i in 0..VECTOR {
+                    sum[i] += if is_own[i] { of_band[i] } else { 0.0 };
+                }
+                if !terms.is_empty() {
+                    let terms = &mut terms[(first + k) * n + begin..][..count];
+                    let own = std::iter::zip(&is_own, of_band);
+                    terms.iter_mut().zip(own).for_each(|(t, (own, v))| *t = if *own { v as f32 } else { *t });
                 }
             }
+            sums[begin..][..count].copy_from_slice(&sum[..count]);
             return;
         }
         let mut sum = [0.0; VECTOR];

@@ -4,7 +4,7 @@
 //! the steps. A quantity whose noise is off or whose standard deviation is 0 draws no numbers; its terms drop out exactly.
 
 use super::companding::Companding;
-use super::defects::{Defects, amplitude};
+use super::defects::{Defects, amplitudes};
 use super::dual_gain::{DualGain, whole};
 use super::flicker::Flicker;
 use super::lanes::Set;
@@ -276,7 +276,8 @@ fn expose_row(row: &ExposeRow<'_>, signal: &[f32], out: &mut [u16]) {
 #[inline(always)]
 fn charge_row(row: &ExposeRow<'_>, signal: &[f32], out: &mut [f64]) {
     for (k, (signal, out)) in std::iter::zip(signal.chunks(LANES), out.chunks_mut(LANES)).enumerate() {
-        let (charge, ..) = charge_lanes(row, k * LANES, light(signal));
+        let u = of_defects(row, k * LANES);
+        let (charge, ..) = charge_lanes(row, k * LANES, light(signal), &u[0]);
         std::iter::zip(out, &charge).for_each(|(out, charge)| *out = *charge);
     }
 }
@@ -294,9 +295,19 @@ fn light(signal: &[f32]) -> [f64; LANES] {
 /// Numbers of [`LANES`] pixels.
 type Lanes = [f64; LANES];
 
-/// Charges of [`LANES`] pixels from column `first` of the tile on before the full well, and the uniform numbers of their DSNU and read noise; `signal` is not negative.
+/// The uniform numbers of the defects of [`LANES`] pixels from column `first` of the tile on: hot pixels, telegraph noise.
 #[inline(always)]
-fn charge_lanes(row: &ExposeRow<'_>, first: usize, signal: Lanes) -> (Lanes, Lanes, Lanes) {
+fn of_defects(row: &ExposeRow<'_>, first: usize) -> [Lanes; 2] {
+    let (e, column) = (row.exposer, row.column.wrapping_add(first as u32));
+    match e.defects.hot_pixels != 0.0 || e.defects.telegraph_pixels != 0.0 {
+        true => uniforms(Stream::Defects, row.row, column, 0, e.die),
+        false => [[1.0; LANES]; 2],
+    }
+}
+
+/// Charges of [`LANES`] pixels from column `first` of the tile on before the full well, and the uniform numbers of their DSNU and read noise; `signal` is not negative, `of_hot` are the numbers of hot pixels.
+#[inline(always)]
+fn charge_lanes(row: &ExposeRow<'_>, first: usize, signal: Lanes, of_hot: &Lanes) -> (Lanes, Lanes, Lanes) {
     let e = row.exposer;
     let s = &e.sigma;
     let column = row.column.wrapping_add(first as u32);
@@ -315,11 +326,8 @@ fn charge_lanes(row: &ExposeRow<'_>, first: usize, signal: Lanes) -> (Lanes, Lan
         }
         std::iter::zip(&mut mean, &dark).for_each(|(m, d)| *m += d);
     }
-    if e.defects.hot_pixels != 0.0 {
-        let of = e.defects;
-        let u = uniforms(Stream::Defects, row.row, column, 0, e.die)[0];
-        std::iter::zip(&mut mean, &u)
-            .for_each(|(m, u)| *m += of.hot_dark_e_per_s * amplitude(*u, of.hot_pixels));
+    if let Some(amplitudes) = amplitudes(of_hot, e.defects.hot_pixels) {
+        std::iter::zip(&mut mean, amplitudes).for_each(|(m, a)| *m += e.defects.hot_dark_e_per_s * a);
     }
     let own = match e.shot || s.read_noise_e != 0.0 {
         true => uniforms(Stream::ShotRead, row.row, column, e.frame, e.seed),
@@ -335,9 +343,11 @@ fn expose_lanes(row: &ExposeRow<'_>, first: usize, signal: Lanes) -> [u16; LANES
     let e = row.exposer;
     let s = &e.sigma;
     let column = row.column.wrapping_add(first as u32);
-    let (mut charge, of_dsnu, of_read) = charge_lanes(row, first, signal);
-    for v in &mut charge {
-        *v = e.overflow.held(*v, e.full_well_e);
+    let [of_hot, of_telegraph] = of_defects(row, first);
+    let (mut charge, of_dsnu, of_read) = charge_lanes(row, first, signal, &of_hot);
+    let begins_e = e.overflow.begins_e(e.full_well_e);
+    if !charge.iter().fold(true, |all, q| all & (*q <= begins_e)) {
+        charge = charge.map(|q| e.overflow.held(q, e.full_well_e));
     }
     if !row.received_e.is_empty() {
         std::iter::zip(&mut charge, &row.received_e[first..]).for_each(|(v, r)| *v += f64::from(*r));
@@ -352,11 +362,17 @@ fn expose_lanes(row: &ExposeRow<'_>, first: usize, signal: Lanes) -> [u16; LANES
     if s.reset_noise_e != 0.0 {
         add_noise(&mut charge, s.reset_noise_e, &reset[0]);
     }
+    let telegraph_e = telegraph_e(row, column, &of_telegraph);
     let mut dn = reading(
         row,
-        (first, column),
+        first,
         charge,
-        &Reading { read_noise_e: s.read_noise_e, dn_per_e: e.dn_per_e, u: [&of_read, &reset[1]] },
+        &Reading {
+            read_noise_e: s.read_noise_e,
+            dn_per_e: e.dn_per_e,
+            u: [&of_read, &reset[1]],
+            telegraph_e: telegraph_e.as_ref(),
+        },
     );
     if let Some(dual) = &e.dual_gain {
         let u = match dual.read_noise_e != 0.0 || s.adc_noise_dn != 0.0 {
@@ -365,12 +381,13 @@ fn expose_lanes(row: &ExposeRow<'_>, first: usize, signal: Lanes) -> [u16; LANES
         };
         let low = reading(
             row,
-            (first, column),
+            first,
             charge,
             &Reading {
                 read_noise_e: dual.read_noise_e,
                 dn_per_e: e.dn_per_e / dual.ratio,
                 u: [&u[0], &u[1]],
+                telegraph_e: telegraph_e.as_ref(),
             },
         );
         std::iter::zip(&mut dn, &low).for_each(|(v, low)| *v = dual.combined(*v, *low, e.black_dn));
@@ -381,29 +398,36 @@ fn expose_lanes(row: &ExposeRow<'_>, first: usize, signal: Lanes) -> [u16; LANES
     dn.map(|v| whole(v, e.max_dn) as u16)
 }
 
+/// Telegraph noise of [`LANES`] pixels from `column` of the sensor on, of their numbers `u`; none if none of them has it.
+#[inline(always)]
+fn telegraph_e(row: &ExposeRow<'_>, column: u32, u: &Lanes) -> Option<Lanes> {
+    let e = row.exposer;
+    let amplitudes = amplitudes(u, e.defects.telegraph_pixels)?;
+    let w = uniforms(Stream::Telegraph, row.row, column, e.frame, e.seed)[0];
+    Some(std::array::from_fn(|i| {
+        let half = 0.5 * e.defects.telegraph_e * amplitudes[i];
+        if w[i] < 0.5 { -half } else { half }
+    }))
+}
+
 /// One reading of a charge.
 struct Reading<'a> {
     read_noise_e: f64,
     dn_per_e: f64,
     /// Uniform numbers of the noises of reading and converter.
     u: [&'a Lanes; 2],
+    telegraph_e: Option<&'a Lanes>,
 }
 
-/// Numbers before rounding of a reading of `charge` in [`LANES`] pixels from column `first` of the tile on, `column` of the sensor.
+/// Numbers before rounding of a reading of `charge` in [`LANES`] pixels from column `first` of the tile on.
 #[inline(always)]
-fn reading(row: &ExposeRow<'_>, (first, column): (usize, u32), mut charge: Lanes, of: &Reading<'_>) -> Lanes {
+fn reading(row: &ExposeRow<'_>, first: usize, mut charge: Lanes, of: &Reading<'_>) -> Lanes {
     let e = row.exposer;
     if of.read_noise_e != 0.0 {
         add_noise(&mut charge, of.read_noise_e, of.u[0]);
     }
-    if e.defects.telegraph_pixels != 0.0 {
-        let defects = e.defects;
-        let v = uniforms(Stream::Defects, row.row, column, 0, e.die)[1];
-        let w = uniforms(Stream::Telegraph, row.row, column, e.frame, e.seed)[0];
-        for (charge, (v, w)) in std::iter::zip(&mut charge, std::iter::zip(&v, &w)) {
-            let half = 0.5 * defects.telegraph_e * amplitude(*v, defects.telegraph_pixels);
-            *charge += if *w < 0.5 { -half } else { half };
-        }
+    if let Some(telegraph_e) = of.telegraph_e {
+        std::iter::zip(&mut charge, telegraph_e).for_each(|(v, e)| *v += e);
     }
     if !row.column_offset_e.is_empty() {
         std::iter::zip(&mut charge, &row.column_offset_e[first..]).for_each(|(v, offset)| *v += offset);

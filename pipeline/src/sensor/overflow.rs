@@ -38,6 +38,12 @@ impl Overflow {
         self.blooming > 0.0
     }
 
+    /// Charge up to which a pixel holds all of it, e-.
+    #[inline(always)]
+    pub fn begins_e(&self, full_well_e: f64) -> f64 {
+        self.knee.min(1.0) * full_well_e
+    }
+
     /// Electrons that a pixel holds of a charge.
     #[inline(always)]
     pub fn held(&self, charge_e: f64, full_well_e: f64) -> f64 {
@@ -62,7 +68,7 @@ pub fn received(exposer: &Exposer, signal: &[f32], rect: Rect) -> Vec<f32> {
     let overflow = exposer.overflow();
     let mut all = Vec::new();
     let mut part = Vec::new();
-    let begins_e = overflow.knee.min(1.0) * exposer.full_well_e();
+    let begins_e = overflow.begins_e(exposer.full_well_e());
     // Most columns of most pictures have no pixel that overflows, which their signal shows without the charges.
     let within: Vec<f64> =
         (0..rect.height).map(|row| exposer.signal_within(begins_e, rect.y as u32 + row as u32)).collect();

@@ -4,8 +4,6 @@
 //! between a read and a write of a sum, which costs more than the additions; the order is that of the bands, so that bits do not depend on how many are. Weights that repeat with the mosaic are a *tile* of some
 //! columns, which stays in the processor's first cache.
 
-use std::ops::{AddAssign, Mul};
-
 /// Bands that are added between a read and a write of a sum.
 pub(super) const TOGETHER: usize = 4;
 /// Numbers that are added at once.
@@ -20,11 +18,11 @@ pub(super) fn tile(columns: usize) -> usize {
 
 /// Adds to `to` the numbers of `lines` of its length, each weighed by its own of `weights`, line after line: tiles of so many columns, one for each line.
 #[inline(always)]
-pub(super) fn add_weighed<W, V>((weights, tile): (&[W], usize), lines: &[&[V]], to: &mut [W])
-where
-    W: Copy + AddAssign + Mul<Output = W>,
-    V: Copy + Into<W>,
-{
+pub(super) fn add_weighed<V: Copy + Into<f64>>(
+    (weights, tile): (&[f64], usize),
+    lines: &[&[V]],
+    to: &mut [f64],
+) {
     for (weights, lines) in weights.chunks(TOGETHER * tile).zip(lines.chunks(TOGETHER)) {
         let of = |k: usize| (&weights[k * tile..][..tile], lines[k]);
         match lines.len() {
@@ -37,20 +35,19 @@ where
 }
 
 #[inline(always)]
-fn add<W, V, const N: usize>(lines: [(&[W], &[V]); N], to: &mut [W])
-where
-    W: Copy + AddAssign + Mul<Output = W>,
-    V: Copy + Into<W>,
-{
+fn add<V: Copy + Into<f64>, const N: usize>(lines: [(&[f64], &[V]); N], to: &mut [f64]) {
     let tile = lines[0].0.len();
     for (part, to) in to.chunks_mut(tile).enumerate() {
-        let lines = lines.map(|(weights, line)| (&weights[..to.len()], &line[part * tile..][..to.len()]));
+        let mut lines = lines;
+        for (weights, line) in &mut lines {
+            (*weights, *line) = (&weights[..to.len()], &line[part * tile..][..to.len()]);
+        }
         let (vectors, rest) = to.as_chunks_mut::<VECTOR>();
-        let of = lines.map(|(weights, line)| (weights.as_chunks().0, line.as_chunks().0));
         for (k, to) in vectors.iter_mut().enumerate() {
             let mut sum = *to;
-            for (weights, line) in &of {
-                let (weights, line): (&[W; VECTOR], &[V; VECTOR]) = (&weights[k], &line[k]);
+            for (weights, line) in &lines {
+                let (weights, line): (&[f64; VECTOR], &[V; VECTOR]) =
+                    (&weights.as_chunks().0[k], &line.as_chunks().0[k]);
                 for i in 0..VECTOR {
                     sum[i] += weights[i] * line[i].into();
                 }
@@ -61,6 +58,55 @@ where
         for (i, to) in rest.iter_mut().enumerate() {
             for (weights, line) in &lines {
                 *to += weights[first + i] * line[first + i].into();
+            }
+        }
+    }
+}
+
+/// Columns of a tile of factors over a mosaic of a period of so many columns.
+pub(super) fn factor_tile(columns: usize) -> usize {
+    columns * (VECTOR >> columns.trailing_zeros().min(VECTOR.trailing_zeros()))
+}
+
+/// Adds to each of the planes `to` the numbers of `lines` of their length, each weighed by its own factor of that plane, line after line: tiles of so many columns, plane by plane and line by line.
+#[inline(always)]
+pub(super) fn add_to_planes((factors, tile): (&[f32], usize), lines: &[&[f32]], to: &mut [&mut [f32]]) {
+    let of_plane = lines.len() * tile;
+    let (some, rest) = to.as_chunks_mut::<TOGETHER>();
+    let (of_some, of_rest) = factors.split_at(TOGETHER * some.len() * of_plane);
+    for (k, to) in some.iter_mut().enumerate() {
+        add_to_some((&of_some[TOGETHER * k * of_plane..], tile), lines, to);
+    }
+    for (k, to) in rest.iter_mut().enumerate() {
+        add_to_some((&of_rest[k * of_plane..], tile), lines, std::array::from_mut(to));
+    }
+}
+
+/// Adds to `M` planes: a number of a line is read once for all of them.
+#[inline(always)]
+fn add_to_some<const M: usize>((factors, tile): (&[f32], usize), lines: &[&[f32]], to: &mut [&mut [f32]; M]) {
+    let (n, of_plane) = (to[0].len(), lines.len() * tile);
+    let whole = n - n % VECTOR;
+    let mut at = 0;
+    for begin in (0..whole).step_by(VECTOR) {
+        let mut sums = [[0.0; VECTOR]; M];
+        sums.iter_mut().zip(&*to).for_each(|(sum, to)| sum.copy_from_slice(&to[begin..][..VECTOR]));
+        for (k, line) in lines.iter().enumerate() {
+            let line = &line[begin..][..VECTOR];
+            for (m, sum) in sums.iter_mut().enumerate() {
+                let factors = &factors[m * of_plane + k * tile + at..][..VECTOR];
+                for i in 0..VECTOR {
+                    sum[i] += factors[i] * line[i];
+                }
+            }
+        }
+        sums.iter().zip(&mut *to).for_each(|(sum, to)| to[begin..][..VECTOR].copy_from_slice(sum));
+        at = if at + VECTOR == tile { 0 } else { at + VECTOR };
+    }
+    for (m, to) in to.iter_mut().enumerate() {
+        for (k, line) in lines.iter().enumerate() {
+            for i in whole..n {
+                to[i] += factors[m * of_plane + k * tile + at + i - whole] * line[i];
             }
         }
     }
@@ -81,6 +127,8 @@ mod tests {
     use super::super::lanes::Set;
     use super::*;
 
+    const PLANES: usize = 6;
+
     /// One band after the other in the order of bands has the bits of several together, by any instructions.
     #[test]
     fn several_bands_together_have_the_bits_of_one_after_the_other() {
@@ -90,20 +138,25 @@ mod tests {
             let lines: Vec<Vec<f32>> =
                 (0..bands).map(|b| (0..n).map(|i| number(b * n + i) as f32).collect()).collect();
             let weights: Vec<f64> = (0..bands * tile).map(|k| number(k / tile * 5 + k % 3 + 7)).collect();
-            let factors: Vec<f32> =
-                (0..bands * tile).map(|k| number(k / tile * 3 + k % 3) as f32 - 0.5).collect();
+            let factor = |plane: usize, b: usize, i: usize| number(plane * 41 + b * 3 + i % 3) as f32 - 0.5;
+            let of_planes = (0..PLANES).flat_map(|plane| (0..bands).map(move |b| (plane, b)));
+            let factors: Vec<f32> = of_planes
+                .flat_map(|(plane, b)| (0..factor_tile(3)).map(move |i| factor(plane, b, i)))
+                .collect();
             let start: Vec<f64> = (0..n).map(number).collect();
-            let mut expected = (start.clone(), vec![0.25f32; n]);
+            let mut expected = (start.clone(), [0.25f32; PLANES].map(|v| vec![v; n]));
             for (b, line) in lines.iter().enumerate() {
                 for (i, v) in line.iter().enumerate() {
                     let product = weights[b * tile + i % tile] * f64::from(*v);
                     expected.0[i] += product;
-                    expected.1[i] += factors[b * tile + i % tile] * product as f32;
+                    for (plane, to) in expected.1.iter_mut().enumerate() {
+                        to[i] += factor(plane, b, i) * product as f32;
+                    }
                 }
             }
             for set in Set::available() {
                 let lines: Vec<&[f32]> = lines.iter().map(Vec::as_slice).collect();
-                let (mut to, mut corrected) = (start.clone(), vec![0.25f32; n]);
+                let (mut to, mut corrected) = (start.clone(), [0.25f32; PLANES].map(|v| vec![v; n]));
                 let mut products = vec![0.0; bands * n];
                 set.run(
                     #[inline(always)]
@@ -113,7 +166,8 @@ mod tests {
                             multiply(&weights[k * tile..][..tile], lines[k], out);
                         }
                         let products: Vec<&[f32]> = products.chunks(n).collect();
-                        add_weighed((&factors, tile), &products, &mut corrected);
+                        let mut planes = corrected.each_mut().map(Vec::as_mut_slice);
+                        add_to_planes((&factors, factor_tile(3)), &products, &mut planes);
                     },
                 );
                 assert!((to, corrected) == expected, "{bands} bands, {set:?}");

@@ -12,7 +12,7 @@ use super::Sensor;
 use super::field_sums::{Columns, RowNodes};
 use super::lanes::Set;
 use super::pixels::Taps;
-use super::row_sums::{add_weighed, multiply, tile};
+use super::row_sums::{add_to_planes, add_weighed, factor_tile, multiply, tile};
 use crate::flow::{ChartSource, SourceSinkError};
 use crate::geometry::Rect;
 use std::ops::Range;
@@ -95,6 +95,8 @@ impl Pass<'_> {
     pub fn run(&self, wanted: Range<usize>, deliver: &mut Deliver<'_>) -> Result<bool, SourceSinkError> {
         let film_rows = self.rows.span(wanted.clone());
         let mut column_blocks: Vec<Mutex<ColumnBlock>> = self.column_blocks();
+        let planes = self.planes.len() + self.corrections.len();
+        let mut out = vec![Vec::new(); planes];
         let mut first = film_rows.start;
         let mut done = wanted.start;
         let mut open = wanted.start..wanted.start;
@@ -116,7 +118,7 @@ impl Pass<'_> {
                 finished: done..finished,
                 open: now_open.clone(),
             };
-            let out = self.block_of(&mut column_blocks, &block)?;
+            self.block_of(&mut column_blocks, &block, &mut out)?;
             if finished > done {
                 deliver(done, &out)?;
             }
@@ -145,15 +147,16 @@ impl Pass<'_> {
         column_blocks
     }
 
+    /// Writes the finished rows of a block to the planes `out`.
     fn block_of(
         &self,
         column_blocks: &mut [Mutex<ColumnBlock>],
         block: &Block,
-    ) -> Result<Vec<Vec<f32>>, SourceSinkError> {
+        out: &mut [Vec<f32>],
+    ) -> Result<(), SourceSinkError> {
         let width = self.window.width;
         let planes = self.planes.len();
-        let plane = |_| vec![0.0; block.finished.len() * width];
-        let out: Vec<Vec<f32>> = (0..planes + self.corrections.len()).map(plane).collect();
+        out.iter_mut().for_each(|plane| plane.resize(block.finished.len() * width, 0.0));
         let out = Mutex::new(out);
         let (next, failed) = (AtomicUsize::new(0), Mutex::new(None));
         let column_blocks = &*column_blocks;
@@ -188,7 +191,7 @@ impl Pass<'_> {
         std::thread::scope(|s| (0..self.threads.min(column_blocks.len())).for_each(|_| drop(s.spawn(work))));
         match failed.into_inner().expect("no panic while held") {
             Some(e) => Err(e),
-            None => Ok(out.into_inner().expect("no panic while held")),
+            None => Ok(()),
         }
     }
 
@@ -345,15 +348,15 @@ impl Pass<'_> {
             }
         }
         let products: Vec<&[f32]> = add.products.chunks(n).collect();
-        for correction in 0..self.corrections.len() {
-            let first = (phase * self.corrections.len() + correction) * bands * tile;
-            let factors = &add.factors[first..][..bands * tile];
-            let to = &mut add.corrected[(correction * rows + own) * n..][..n];
-            Set::detect().run(
-                #[inline(always)]
-                || add_weighed((factors, tile), &products, to),
-            );
-        }
+        let tile = factor_tile(pattern.columns);
+        let of_row = self.corrections.len() * bands * tile;
+        let factors = &add.factors[phase * of_row..][..of_row];
+        let planes = add.corrected.chunks_mut(rows * n).map(|plane| &mut plane[own * n..][..n]);
+        let mut planes: Vec<&mut [f32]> = planes.collect();
+        Set::detect().run(
+            #[inline(always)]
+            || add_to_planes((factors, tile), &products, &mut planes),
+        );
     }
 
     /// Means over the pixels of a row from its sums over film rows.

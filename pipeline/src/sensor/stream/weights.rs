@@ -3,7 +3,7 @@
 use super::super::Sensor;
 use super::super::field_sums::{Columns, RowNodes};
 use super::super::field_weights::FieldWeights;
-use super::super::row_sums::tile;
+use super::super::row_sums::{factor_tile, tile};
 use super::{ColumnBlock, Pass};
 use std::ops::Range;
 use std::sync::Arc;
@@ -77,7 +77,7 @@ impl Pass<'_> {
             for correction in self.corrections {
                 for band in bands.clone() {
                     let of = |x: usize| correction[pattern.channel(row, first + x)][band] as f32;
-                    factors.extend((0..tile(pattern.columns)).map(of));
+                    factors.extend((0..factor_tile(pattern.columns)).map(of));
                 }
             }
         }
