@@ -37,7 +37,6 @@ pub mod defects;
 pub mod diffusion;
 pub mod dual_gain;
 pub mod emva;
-mod even_kernel;
 pub mod exposure;
 mod field_sums;
 pub mod field_weights;

@@ -17,7 +17,6 @@
 //!
 //! The k_m are found by Gram and Schmidt's orthogonalization with pivoting until every κ is within 3·10⁻⁶; a film is read once ([`super::spread`]), and light is kept whatever their number.
 
-use super::even_kernel::{self, EvenKernel};
 use super::model::{Channel, Sensor};
 use super::{Curve, Pattern};
 use std::borrow::Cow;
@@ -28,7 +27,7 @@ const TOLERANCE: f64 = 3e-6;
 /// Largest step between nodes of curves that are products of shares and curves, nm.
 const STEP_NM: f64 = 5.0;
 /// Pixels on each side that a kernel reaches at most.
-pub const MAX_RADIUS: usize = even_kernel::LARGEST;
+pub const MAX_RADIUS: usize = 3;
 
 /// Shares of the charge of a pixel over wavelength.
 #[derive(Clone, Debug, PartialEq)]
@@ -50,8 +49,6 @@ pub(super) struct Term {
     pub(super) factors: Vec<Vec<f64>>,
     /// k, row by row; 0 for the pixel itself.
     pub(super) kernel: Vec<f64>,
-    /// The same, where it is even.
-    pub(super) even: Option<EvenKernel>,
 }
 
 /// The corrections of the signal of a sensor in films of some bands.
@@ -140,11 +137,7 @@ impl Crosstalk {
             rows.extend(own_rows);
         }
         let by_channel = |all: &[f64]| all.chunks(bands_nm.len()).map(<[f64]>::to_vec).collect();
-        let term = |(factors, kernel): (Vec<f64>, Vec<f64>)| Term {
-            factors: by_channel(&factors),
-            even: EvenKernel::of(&kernel, self.radius),
-            kernel,
-        };
+        let term = |(factors, kernel): (Vec<f64>, _)| Term { factors: by_channel(&factors), kernel };
         Corrections { radius: self.radius, terms: factorized(rows).into_iter().map(term).collect() }
     }
 }

@@ -1,9 +1,9 @@
 //! The corrections of crosstalk, row by row of a pass over the film.
 //!
-//! A pass makes the signal without crosstalk and the planes P_m for the rows and columns that a kernel reaches beyond a window, as far as the sensor goes. A pixel's sum runs over planes, then rows, then columns of the kernel (of an even one over what is left of them), in f32 (corrections are a part of the signal): the same
-//! bits for any window, blocks and threads. Pixels with all their neighbours on the sensor use an even kernel as such (`even_kernel`).
+//! A pass makes the signal without crosstalk and the planes P_m for the rows and columns that a kernel reaches beyond a window, as far as the sensor goes. A pixel's sum runs over planes, then rows, then columns of the kernel, in f32 (corrections are a part of the signal): the same
+//! bits for any window, blocks and threads.
 
-use super::crosstalk::{Corrections, MAX_RADIUS, Term};
+use super::crosstalk::{Corrections, MAX_RADIUS};
 use super::lanes::Set;
 use super::stream::{Deliver, Pass};
 use crate::flow::SourceSinkError;
@@ -48,72 +48,44 @@ impl SpreadRows {
 
     /// The signal of the row `row` of the sensor, columns `columns`, of the planes `kept` of the window `read`.
     fn row(&self, row: usize, columns: Range<usize>, read: Rect, kept: &Kept, out: &mut [f32]) {
-        let (r, width) = (self.of.radius, read.width);
+        let (r, side, width) = (self.of.radius, 2 * self.of.radius + 1, read.width);
         let line = |plane: usize, y: usize| {
             let at = y - read.y as usize - kept.first;
             &kept.planes[plane][at * width..][..width]
         };
+        let first = columns.start - read.x as usize;
         let first_term = kept.planes.len() - self.of.terms.len();
         let mut sum = vec![0.0f32; columns.len()];
-        let (low, high) = match row >= r && row + r < self.size.height {
-            true => inner_columns(self.size.width, r, &columns),
-            false => (columns.end, columns.end),
-        };
-        let mut folded = Vec::new();
         for (m, term) in self.of.terms.iter().enumerate() {
-            let line = |y: usize| line(first_term + m, y);
-            let Some(even) = term.even.as_ref().filter(|_| low < high) else {
-                self.add_term((row, columns.clone()), read.x as usize, &line, term, &mut sum);
-                continue;
-            };
-            let lines = |i: usize| [row - i, row + i].map(|y| &line(y)[low - r - read.x as usize..]);
-            let to = &mut sum[low - columns.start..high - columns.start];
-            Set::detect().run(
-                #[inline(always)]
-                || even.add(lines, &mut folded, to),
-            );
-            for rest in [columns.start..low, high..columns.end] {
-                let sum = &mut sum[rest.start - columns.start..rest.end - columns.start];
-                self.add_term((row, rest), read.x as usize, &line, term, sum);
+            let plane = first_term + m;
+            // Gains from the pixels at −d.
+            for dy in (0..side).filter(|dy| (row + r).checked_sub(*dy).is_some_and(|y| y < self.size.height))
+            {
+                let from = line(plane, row + r - dy);
+                // In the order of columns: backwards.
+                let kernel = term.kernel[dy * side..][..side].iter().rev().map(|k| *k as f32);
+                let taps = Taps { kernel: kernel.collect(), width: self.size.width };
+                taps.add(from, read.x as usize, columns.clone(), &mut sum);
+            }
+            // What goes to the pixels at d, if they are there.
+            let own = &line(plane, row)[first..][..columns.len()];
+            let (low, high) = inner_columns(self.size.width, r, &columns);
+            for column in (columns.start..low).chain(high..columns.end) {
+                let at = column - columns.start;
+                sum[at] -= self.lost(&term.kernel, row, column) * own[at];
+            }
+            if low < high {
+                let lost = self.lost(&term.kernel, row, low);
+                let inner = low - columns.start..high - columns.start;
+                let (to, own) = (&mut sum[inner.clone()], &own[inner]);
+                Set::detect().run(
+                    #[inline(always)]
+                    || std::iter::zip(&mut *to, own).for_each(|(to, v)| *to -= lost * v),
+                );
             }
         }
-        let signal = &line(0, row)[columns.start - read.x as usize..][..columns.len()];
+        let signal = &line(0, row)[first..][..columns.len()];
         std::iter::zip(out, std::iter::zip(signal, &sum)).for_each(|(out, (v, change))| *out = v + change);
-    }
-
-    /// Adds a term to `sum` of pixels of a row; `line` has the rows of its plane from the column `first_column` on.
-    fn add_term<'a>(
-        &self,
-        (row, columns): (usize, Range<usize>),
-        first_column: usize,
-        line: &impl Fn(usize) -> &'a [f32],
-        term: &Term,
-        sum: &mut [f32],
-    ) {
-        let (r, side) = (self.of.radius, 2 * self.of.radius + 1);
-        // Gains from the pixels at −d.
-        for dy in (0..side).filter(|dy| (row + r).checked_sub(*dy).is_some_and(|y| y < self.size.height)) {
-            // In the order of columns: backwards.
-            let kernel = term.kernel[dy * side..][..side].iter().rev().map(|k| *k as f32);
-            let taps = Taps { kernel: kernel.collect(), width: self.size.width };
-            taps.add(line(row + r - dy), first_column, columns.clone(), sum);
-        }
-        // What goes to the pixels at d, if they are there.
-        let own = &line(row)[columns.start - first_column..][..columns.len()];
-        let (low, high) = inner_columns(self.size.width, r, &columns);
-        for column in (columns.start..low).chain(high..columns.end) {
-            let at = column - columns.start;
-            sum[at] -= self.lost(&term.kernel, row, column) * own[at];
-        }
-        if low < high {
-            let lost = self.lost(&term.kernel, row, low);
-            let inner = low - columns.start..high - columns.start;
-            let (to, own) = (&mut sum[inner.clone()], &own[inner]);
-            Set::detect().run(
-                #[inline(always)]
-                || std::iter::zip(&mut *to, own).for_each(|(to, v)| *to -= lost * v),
-            );
-        }
     }
 
     /// Σ_d k(d) over the pixels at d from a pixel that are on the sensor.
@@ -196,6 +168,7 @@ pub fn run(
     let to = last_needed(end - 1) - read.y as usize;
     let mut kept = Kept { first: from, planes: vec![Vec::new(); delivered + pass.corrections.len()] };
     let mut done = begin;
+    let mut out = vec![Vec::new(); delivered];
     let mut passed = |first: usize, planes: &[Vec<f32>]| {
         std::iter::zip(&mut kept.planes, planes).for_each(|(kept, new)| kept.extend_from_slice(new));
         let have = read.y as usize + first + planes[0].len() / read.width;
@@ -204,8 +177,7 @@ pub fn run(
         if ready == done {
             return Ok(());
         }
-        let mut out: Vec<Vec<f32>> =
-            (0..delivered).map(|_| vec![0.0; (ready - done) * columns.len()]).collect();
+        out.iter_mut().for_each(|plane: &mut Vec<f32>| plane.resize((ready - done) * columns.len(), 0.0));
         let made: Result<(), Infallible> = for_each_part(
             pass.threads,
             out[0].chunks_mut(columns.len()).enumerate(),

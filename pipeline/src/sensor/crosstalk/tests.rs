@@ -82,21 +82,12 @@ fn signal(
     sensor: &Sensor,
     film: &dyn ChartSource,
     window: Rect,
-    blocks: ((usize, usize), usize),
-) -> Vec<f32> {
-    let new = |of: &Crosstalk| SpreadRows::new(film.size(), of.corrections(sensor, &BANDS_NM));
-    signal_of(sensor, film, (window, sensor.crosstalk.as_ref().map(new)), blocks)
-}
-
-/// As [`signal`], with the corrections `spread`.
-fn signal_of(
-    sensor: &Sensor,
-    film: &dyn ChartSource,
-    (window, spread): (Rect, Option<SpreadRows>),
     (block, threads): ((usize, usize), usize),
 ) -> Vec<f32> {
     let size = film.size();
-    let planes = [BandWeights::electrons(sensor, &BANDS_NM, &[1.0; 4])];
+    let weights = BandWeights::electrons(sensor, &BANDS_NM, &[1.0; 4]);
+    let planes = [weights];
+    let spread = sensor.crosstalk.as_ref().map(|of| SpreadRows::new(size, of.corrections(sensor, &BANDS_NM)));
     let read = spread.as_ref().map_or(window, |spread| spread.reach(window));
     let corrections = spread.as_ref().map(SpreadRows::factors).unwrap_or_default();
     let axis = |pixels: usize| Axis {
@@ -162,43 +153,13 @@ fn shares_of_diffusion_are_those_of_the_float64_model() {
     }
 }
 
-/// An even table: the same shares to the left and right, and above and below.
-fn near_even() -> Crosstalk {
-    let (side, down) = (&[0.01, 0.04][..], &[0.02, 0.05][..]);
-    table(1, &[450.0, 650.0], &[((0, 1), side), ((0, -1), side), ((1, 0), down), ((-1, 0), down)])
-}
-
-/// Pixels with all neighbours on the sensor add those of the same weight first; the others, and all of narrow sensors, do not.
-#[test]
-fn even_kernels_give_the_signal_of_the_plain_sum() {
-    let even = near_even();
-    for (crosstalk, radius) in [(even.clone(), 1), (even.and(&even).and(&even), 3)] {
-        let sensor = sensor(Some(crosstalk));
-        for size in [Size::new(19, 23), Size::new(3, 2), Size::new(30, 5), Size::new(4, 30)] {
-            let film = Film::noise(size, 4);
-            let corrections = sensor.crosstalk.as_ref().unwrap().corrections(&sensor, &BANDS_NM);
-            assert!(corrections.radius == radius && corrections.terms.iter().all(|term| term.even.is_some()));
-            let plain = corrections.terms.iter().map(|term| Term { even: None, ..term.clone() });
-            let plain = Corrections { radius, terms: plain.collect() };
-            let [found, expected] = [corrections, plain].map(|of| {
-                let spread = SpreadRows::new(size, of);
-                signal_of(&sensor, &film, (size.rect(), Some(spread)), ((512, 512), 1))
-            });
-            for (found, expected) in found.iter().zip(&expected) {
-                assert!((found / expected - 1.0).abs() < 2e-6, "{size}: {found} {expected}");
-            }
-        }
-    }
-}
-
 #[test]
 fn light_is_kept_and_windows_have_the_same_bits() {
     let film = Film::noise(Size::new(40, 53), 4);
     let whole = film.size().rect();
     let none = signal(&sensor(None), &film, whole, ((512, 512), 1));
     let total = |of: &[f32]| of.iter().map(|v| f64::from(*v)).sum::<f64>();
-    let even = near_even();
-    for crosstalk in [near(), far(), near().and(&far()), even.clone(), even.and(&even).and(&even)] {
+    for crosstalk in [near(), far(), near().and(&far())] {
         let sensor = sensor(Some(crosstalk));
         let all = signal(&sensor, &film, whole, ((512, 512), 2));
         assert!(all != none && (total(&all) / total(&none) - 1.0).abs() < 1e-7);
