@@ -18,8 +18,8 @@ use crate::design::pupil::illumination::FieldLight;
 
 /// As of the symmetric tracer: the Jacobians are smooth, 7 × 18 nodes are accurate to 1e-9 at F/1.8. The segments of a clipped
 /// pupil have more spokes each.
-const RINGS: usize = 7;
-const SPOKES: usize = 18;
+pub(super) const RINGS: usize = 7;
+pub(super) const SPOKES: usize = 18;
 const CLIPPED_SPOKES: usize = 12;
 
 /// Light of a field with the chief ray `chief` and the open pupil `opening`.

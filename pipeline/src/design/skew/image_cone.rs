@@ -9,6 +9,7 @@
 use rayon::prelude::*;
 
 use super::error::SkewError;
+use super::illumination::{RINGS, SPOKES};
 use super::map::FilmRange;
 use super::opening::Opening;
 use super::system::BuiltLens;
@@ -17,9 +18,6 @@ use crate::lens::cone_field::ConeGrid;
 
 /// Nodes along a side of the grid.
 const SIDE: usize = 17;
-/// Rings and spokes of the quadrature: the moments are smooth.
-const RINGS: usize = 7;
-const SPOKES: usize = 18;
 
 /// Numbers of the cone at a place of the film ([`ConeGrid::NUMBERS`]).
 ///
