@@ -24,8 +24,8 @@ pub enum Times {
     },
 }
 
-/// A time such as 10ms, 1/60s, 2.5.
-fn seconds(word: &str) -> Result<f64, String> {
+/// Seconds of a time such as 10ms, 1/60s, 2.5.
+fn parsed(word: &str) -> Option<f64> {
     let word = word.trim();
     let units = [("ms", 1e-3), ("us", 1e-6), ("µs", 1e-6), ("s", 1.0)];
     let (text, unit) =
@@ -35,19 +35,22 @@ fn seconds(word: &str) -> Result<f64, String> {
         Some((above, below)) => number(above).zip(number(below)).map(|(a, b)| a / b),
         None => number(text),
     };
-    match value.map(|v| v * unit) {
+    value.map(|v| v * unit)
+}
+
+/// A time above 0 such as 10ms, 1/60s, 2.5.
+fn seconds(word: &str) -> Result<f64, String> {
+    match parsed(word) {
         Some(s) if s > 0.0 && s <= MAX_SECONDS => Ok(s),
         Some(s) if s.is_finite() => Err(format!("expected above 0, at most {MAX_SECONDS} s, found {s} s")),
-        _ => Err(format!("`{word}` is no time such as 10ms, 1/60s or 2.5")),
+        _ => Err(format!("`{}` is no time such as 10ms, 1/60s or 2.5", word.trim())),
     }
 }
 
 /// As [`time`], or 0.
 pub fn time_or_zero(flag: &str, text: &str) -> Result<f64> {
-    let number =
-        ["ms", "us", "µs", "s"].iter().find_map(|unit| text.trim().strip_suffix(unit)).unwrap_or(text);
-    match number.trim().parse() {
-        Ok(0.0) => Ok(0.0),
+    match parsed(text) {
+        Some(0.0) => Ok(0.0),
         _ => time(flag, text),
     }
 }
