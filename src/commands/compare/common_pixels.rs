@@ -1,12 +1,25 @@
 //! Two films of other pixels, both at the pixels of the coarser one that lie on both: means over these, as a sensor of such pixels has them ([`pipeline::sensor::pixels`]).
 
+use crate::args::CompareArgs;
+use crate::camera::frame::{array_index, split_group};
+use crate::failure::usage;
 use crate::film::plane::FilmPlane;
+use crate::job::light_units::{self, Quantity};
+use crate::open::Chart;
+use crate::progress::{log_line, number};
+use anyhow::Result;
+use formats::film::FilmStore;
+use formats::group::GroupError;
 use pipeline::flow::{ChartSource, SourceSinkError};
 use pipeline::geometry::{Rect, Size};
 use pipeline::sensor::pixels::{Axis, Resample, Taps};
+use serde_json::{Value, json};
+use std::path::{Path, PathBuf};
 
 /// Share of a pixel of the finer film that counts as none.
 const SAME_EDGE: f64 = 1e-9;
+/// Pixels within which two optical axes are one.
+const SAME_AXIS_PX: f64 = 1e-6;
 
 /// A film at the common pixels.
 pub struct View {
@@ -67,6 +80,12 @@ impl CommonPixels {
         let views = [View { rows: rows_a, columns: columns_a }, View { rows: rows_b, columns: columns_b }];
         Some(Self { size: Size::new(height, width), pitch_um, axis_px: (axis_row, axis_column), views })
     }
+
+    /// As they are reported.
+    pub fn json(&self) -> Value {
+        let Self { size, pitch_um, axis_px: (y, x), .. } = self;
+        json!({ "width": size.width, "height": size.height, "pitch_um": pitch_um, "axis_px": { "x": x, "y": y } })
+    }
 }
 
 impl View {
@@ -102,6 +121,99 @@ impl View {
         }
         Ok(out)
     }
+}
+
+/// The pixels at which films of other pixels are compared, of which a note is printed.
+///
+/// # Errors
+/// Usage: edges; films without a pixel pitch, or that have no pixel in common.
+pub fn common_pixels(args: &CompareArgs, names: &[String; 2], charts: &[Chart; 2]) -> Result<CommonPixels> {
+    let [a, b] = charts;
+    let words = |c: &Chart| {
+        let pitch = c.pitch_um().map_or(String::new(), |um| format!(" of {} µm", number(um)));
+        format!("{} px{pitch}", c.size())
+    };
+    let refused = |expected: &str| {
+        let [first, second] = names;
+        usage(format!("{first} and {second}: expected {expected}, found {} and {}", words(a), words(b)))
+    };
+    let (Some(pitch_a), Some(pitch_b)) = (a.pitch_um(), b.pitch_um()) else {
+        return Err(refused("films of the same pixels, or with a pixel pitch"));
+    };
+    if !args.edge.is_empty() {
+        return Err(refused(
+            "films of the same pixels for --edge, which is a place in pixels; `lenscube measure` measures an edge of one film",
+        ));
+    }
+    let per_pixel = |c: &Chart| {
+        c.units().and_then(light_units::parse).is_some_and(|(quantity, _)| quantity == Quantity::Photons)
+    };
+    if per_pixel(a) || per_pixel(b) {
+        return Err(refused(
+            "films of the same pixels where values are photons of a pixel; make them in W m-2 nm-1 (--film-units)",
+        ));
+    }
+    let of = |name: &String, chart: &Chart, pitch_um: f64| -> Result<FilmPlane> {
+        Ok(plane(name)?.unwrap_or_else(|| {
+            if !name.starts_with("gen:") {
+                log_line(format!("note: {name} records no optical axis: its middle is taken for it"));
+            }
+            FilmPlane { size: chart.size(), pitch_um, axis_um: (0.0, 0.0) }
+        }))
+    };
+    let planes = [of(&names[0], a, pitch_a)?, of(&names[1], b, pitch_b)?];
+    let common = CommonPixels::new(&planes).ok_or_else(|| {
+        refused("films that have a pixel of the film plane in common, about their optical axis")
+    })?;
+    log_line(format!(
+        "note: the films have other pixels ({} and {}): both are compared at the {} px of {} µm of the coarser one that lie on both",
+        words(a),
+        words(b),
+        common.size,
+        number(common.pitch_um)
+    ));
+    Ok(common)
+}
+
+/// Prints a note if the films `names`, of the same pixels, record optical axes at other ones.
+pub fn note_other_axes(names: &[String; 2]) {
+    let (Ok(Some(a)), Ok(Some(b))) = (plane(&names[0]), plane(&names[1])) else { return };
+    let [y, x] = [a.axis_um.0 - b.axis_um.0, a.axis_um.1 - b.axis_um.1].map(|um| um / a.pitch_um);
+    if y.abs().max(x.abs()) > SAME_AXIS_PX {
+        log_line(format!(
+            "note: the films have their optical axis at other pixels ({} px right, {} px down in {} of where {} has it): they are compared pixel by pixel",
+            number(x),
+            number(y),
+            names[0],
+            names[1]
+        ));
+    }
+}
+
+/// Where the pixels of the film `name` are; none of what is no film of this program, and records no axis.
+///
+/// # Errors
+/// A film that cannot be opened; usage: an array that it does not have.
+fn plane(name: &str) -> Result<Option<FilmPlane>> {
+    let (path, array) = split_group(name);
+    let mut found = (FilmStore::open(Path::new(path), true), array.to_owned());
+    if let (Err(GroupError::NotOfKind { .. }), true) = (&found.0, array.is_empty()) {
+        // An array of a film, FILM/roi_0.
+        let whole = PathBuf::from(path);
+        if let (Some(parent), Some(last)) = (whole.parent(), whole.file_name()) {
+            let of_parent = FilmStore::open(parent, true);
+            if of_parent.is_ok() {
+                found = (of_parent, last.to_string_lossy().into_owned());
+            }
+        }
+    }
+    let (store, array) = match found {
+        (Ok(store), array) => (store, array),
+        (Err(GroupError::NotOfKind { .. }), _) => return Ok(None),
+        (Err(e), _) => return Err(e.into()),
+    };
+    let names: Vec<&str> = store.spec().outputs.iter().map(|output| output.name.as_str()).collect();
+    Ok(Some(FilmPlane::new(store.spec(), array_index("film", path, &names, &array)?)))
 }
 
 #[cfg(test)]

@@ -7,26 +7,20 @@
 //! ```
 //! Films of other pixels are seen at common ones ([`super::common_pixels`]). The picture shows the mean of d over the bands.
 
-use super::common_pixels::CommonPixels;
+use super::common_pixels::{CommonPixels, common_pixels, note_other_axes};
 use super::regions::{Difference, MAX_SIDE, ROWS, cell_rects, draw};
 use crate::args::CompareArgs;
-use crate::camera::frame::{array_index, split_group};
 use crate::commands::measure::{Measurement, edge};
 use crate::failure::{line as message, usage};
-use crate::film::plane::FilmPlane;
-use crate::job::light_units::{self, Quantity};
 use crate::machine::threads;
 use crate::open::{self, Chart};
 use crate::progress::{log_line, number};
 use anyhow::{Context, Result, bail};
 use formats::chart::NanPolicy;
-use formats::film::FilmStore;
-use formats::group::GroupError;
 use formats::parallel;
 use pipeline::geometry::{Rect, Size};
 use serde_json::{Value, json};
 use std::fmt::Write;
-use std::path::{Path, PathBuf};
 use std::sync::Mutex;
 
 /// Cache of decoded chunks of each film.
@@ -118,7 +112,10 @@ impl Films {
         };
         let common = match a.size() != b.size() || !same_pitch {
             true => Some(common_pixels(args, &names, &charts)?),
-            false => None,
+            false => {
+                note_other_axes(&names);
+                None
+            }
         };
         let (nm_a, nm_b) = (a.wavelengths_nm()?, b.wavelengths_nm()?);
         let in_b = |nm: f64| nm_b.iter().position(|other| (other - nm).abs() <= SAME_NM);
@@ -216,7 +213,7 @@ impl Films {
         Ok(Comparison {
             units: [0, 1].map(|k| self.charts[k].units().map(str::to_owned)),
             names: self.names,
-            common: self.common.as_ref().map(common_json),
+            common: self.common.as_ref().map(CommonPixels::json),
             bands,
             rects: cell_rects(size, cells),
             edges,
@@ -277,87 +274,6 @@ impl Films {
         }
         Ok(pixels)
     }
-}
-
-/// The pixels at which films of other pixels are compared, of which a note is printed.
-///
-/// # Errors
-/// Usage: edges; films without a pixel pitch, or that have no pixel in common.
-fn common_pixels(args: &CompareArgs, names: &[String; 2], charts: &[Chart; 2]) -> Result<CommonPixels> {
-    let [a, b] = charts;
-    let words = |c: &Chart| {
-        let pitch = c.pitch_um().map_or(String::new(), |um| format!(" of {} µm", number(um)));
-        format!("{} px{pitch}", c.size())
-    };
-    let refused = |expected: &str| {
-        let [first, second] = names;
-        usage(format!("{first} and {second}: expected {expected}, found {} and {}", words(a), words(b)))
-    };
-    let (Some(pitch_a), Some(pitch_b)) = (a.pitch_um(), b.pitch_um()) else {
-        return Err(refused("films of the same pixels, or with a pixel pitch"));
-    };
-    if !args.edge.is_empty() {
-        return Err(refused(
-            "films of the same pixels for --edge, which is a place in pixels; `lenscube measure` measures an edge of one film",
-        ));
-    }
-    let per_pixel = |c: &Chart| {
-        c.units().and_then(light_units::parse).is_some_and(|(quantity, _)| quantity == Quantity::Photons)
-    };
-    if per_pixel(a) || per_pixel(b) {
-        return Err(refused(
-            "films of the same pixels where values are photons of a pixel; make them in W m-2 nm-1 (--film-units)",
-        ));
-    }
-    let planes = [plane(&names[0], a, pitch_a)?, plane(&names[1], b, pitch_b)?];
-    let common = CommonPixels::new(&planes).ok_or_else(|| {
-        refused("films that have a pixel of the film plane in common, about their optical axis")
-    })?;
-    log_line(format!(
-        "note: the films have other pixels ({} and {}): both are compared at the {} px of {} µm of the coarser one that lie on both",
-        words(a),
-        words(b),
-        common.size,
-        number(common.pitch_um)
-    ));
-    Ok(common)
-}
-
-/// Common pixels in the report.
-fn common_json(common: &CommonPixels) -> Value {
-    let CommonPixels { size, pitch_um, axis_px: (y, x), .. } = common;
-    json!({ "width": size.width, "height": size.height, "pitch_um": pitch_um, "axis_px": { "x": x, "y": y } })
-}
-
-/// Where the pixels of the film or chart `name` are; of one that is no film of this program, and records no axis, about its middle, of which a note is printed.
-///
-/// # Errors
-/// A film that cannot be opened; usage: an array that it does not have.
-fn plane(name: &str, chart: &Chart, pitch_um: f64) -> Result<FilmPlane> {
-    let (path, array) = split_group(name);
-    let mut found = (FilmStore::open(Path::new(path), true), array.to_owned());
-    if let (Err(GroupError::NotOfKind { .. }), true) = (&found.0, array.is_empty()) {
-        // An array of a film, FILM/roi_0.
-        let whole = PathBuf::from(path);
-        if let (Some(parent), Some(last)) = (whole.parent(), whole.file_name()) {
-            let of_parent = FilmStore::open(parent, true);
-            if of_parent.is_ok() {
-                found = (of_parent, last.to_string_lossy().into_owned());
-            }
-        }
-    }
-    let (store, array) = match found {
-        (Ok(store), array) => (store, array),
-        (Err(GroupError::NotOfKind { .. }), _) => {
-            if !name.starts_with("gen:") {
-                log_line(format!("note: {name} records no optical axis: its middle is taken for it"));
-            }
-            return Ok(FilmPlane { size: chart.size(), pitch_um, axis_um: (0.0, 0.0) });
-        }
-        (Err(e), _) => return Err(e.into()),
-    };
-    let names: Vec<&str> = store.spec().outputs.iter().map(|output| output.name.as_str()).collect();
-    Ok(FilmPlane::new(store.spec(), array_index("film", path, &names, &array)?))
 }
 
 /// Sums of a strip of rows by region, and its rows of the picture.

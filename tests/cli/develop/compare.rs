@@ -300,6 +300,16 @@ fn places_of_films_of_other_pixels_are_those_that_they_record() {
     crate::common::run(chart, &apart, LENS, &roi).ok();
     let (a, b) = (format!("{}//roi_0", text(&regions)), format!("{}//roi_0", text(&apart)));
     assert_exit(&compare(&a, &b, &[]), USAGE, &["have a pixel of the film plane in common"]);
+    // The same pixels about another place of the axis are compared as they are, with a note.
+    let moved = place.at("moved");
+    crate::common::run(chart, &moved, LENS, &[&half[..], &["--axis", "61.5,58.5"]].concat()).ok();
+    let notes = [&moved, &coarse].map(|a| compare(text(a), text(&coarse), &[]).ok().stderr);
+    assert!(
+        notes[0].contains("2 px right, -1 px down in") && notes[0].contains("pixel by pixel"),
+        "{}",
+        notes[0]
+    );
+    assert!(!notes[1].contains("optical axis"), "{}", notes[1]);
 }
 
 #[test]
