@@ -5,7 +5,7 @@
 
 use super::asymmetric::AsymmetricLens;
 use super::drawn::DrawnLens;
-use super::{UntracedDesign, UntracedLens};
+use super::untraced::{UntracedDesign, UntracedLens};
 use crate::args::{RunArgs, TracingArgs};
 use pipeline::design::trace::{NODES_VERSION, TAILS_VERSION, TRACER_VERSION, TraceOptions};
 use serde_json::{Map, Value, json};
