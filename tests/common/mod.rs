@@ -245,11 +245,16 @@ pub fn write_pack(path: &Path, lens: &Lens, stacks: Vec<PsfStack>) {
     formats::lens::write(path, lens, &PackAttributes::default(), stacks).unwrap();
 }
 
-/// Writes a .npy file of f32.
+/// Writes a .npy file of f32 of a picture.
 pub fn write_npy(path: &Path, size: Size, values: &[f32]) {
-    assert_eq!(values.len(), size.pixels());
-    let header =
-        format!("{{'descr': '<f4', 'fortran_order': False, 'shape': ({}, {}), }}", size.height, size.width);
+    write_npy_of(path, &[size.height, size.width], values);
+}
+
+/// Writes a .npy file of f32 of these sides.
+pub fn write_npy_of(path: &Path, shape: &[usize], values: &[f32]) {
+    assert_eq!(values.len(), shape.iter().product::<usize>());
+    let sides: String = shape.iter().map(|side| format!("{side}, ")).collect();
+    let header = format!("{{'descr': '<f4', 'fortran_order': False, 'shape': ({sides}), }}");
     let padding = 63 - (10 + header.len()) % 64;
     let mut bytes = b"\x93NUMPY\x01\x00".to_vec();
     bytes.extend(((header.len() + padding + 1) as u16).to_le_bytes());

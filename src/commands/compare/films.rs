@@ -117,7 +117,11 @@ impl Films {
                 None
             }
         };
-        let (nm_a, nm_b) = (a.wavelengths_nm()?, b.wavelengths_nm()?);
+        let nm = |chart: &Chart, name: &String| {
+            let nm = chart.wavelengths_nm();
+            nm.map_err(|e| open::without_flags(&["--wavelengths"], name, e.into()))
+        };
+        let (nm_a, nm_b) = (nm(a, &names[0])?, nm(b, &names[1])?);
         let in_b = |nm: f64| nm_b.iter().position(|other| (other - nm).abs() <= SAME_NM);
         let in_both = nm_a.iter().enumerate().filter_map(|(i, nm)| Some((*nm, [i, in_b(*nm)?])));
         let bands: Vec<_> = in_both.collect();

@@ -2,7 +2,7 @@
 
 use super::{OTHER_JOB, USAGE};
 use crate::common::camera::{LENS, Place};
-use crate::common::{assert_exit, lenscube, text};
+use crate::common::{assert_exit, lenscube, text, write_npy_of};
 use pipeline::geometry::Size;
 use std::path::Path;
 
@@ -320,4 +320,26 @@ fn raw_and_film_are_not_compared() {
     let raw = place.raw("a.zarr", &film, &["--sensor", "example-2um", "--exposure", "5ms"]);
     let ran = lenscube(&["compare", text(&film), text(&raw), "--out", text(&place.at("out"))]);
     assert_exit(&ran, USAGE, &["a.zarr is a raw", "some.film is none"]);
+}
+
+/// A command without the flags that the format of a chart needs names the one that has them, and reads what that writes.
+#[test]
+fn charts_whose_formats_need_flags_are_compared_after_an_export() {
+    let place = Place::new();
+    let (npy, bands_last, envi) = (place.at("a.npy"), place.at("b.npy"), place.at("a.hdr"));
+    let noise: Vec<f32> = (0..3 * 40 * 30).map(|k| ((k * 7919) % 101) as f32).collect();
+    write_npy_of(&npy, &[3, 40, 30], &noise);
+    write_npy_of(&bands_last, &[40, 30, 3], &noise);
+    let compare = |a: &Path| lenscube(&["compare", text(a), text(a), "--out", text(&place.at("out"))]);
+    assert_exit(&compare(&npy), USAGE, &["no --wavelengths; `lenscube export ", "a.npy CHART.hdr`"]);
+    assert_exit(&compare(&bands_last), 1, &["this command has no --axes", "b.npy CHART.hdr`"]);
+    let nm = ["--wavelengths", "450,550,650"];
+    lenscube(&[&["export", text(&bands_last), text(&envi), "--axes", "y,x,wavelength"], &nm[..]].concat())
+        .ok();
+    compare(&envi).ok();
+    let found: serde_json::Value =
+        serde_json::from_str(&std::fs::read_to_string(place.at("out/compare.json")).unwrap()).unwrap();
+    // The first band of pixels whose bands follow each other: every third number.
+    let mean = noise.iter().step_by(3).sum::<f32>() / 1200.0;
+    assert!((found["bands"][0]["mean"][0].as_f64().unwrap() - f64::from(mean)).abs() < 1e-4, "{found}");
 }
