@@ -36,13 +36,11 @@ pub mod total_variation;
 #[cfg(test)]
 mod tests;
 
+use crate::flow::SourceSinkError;
 use crate::geometry::{Rect, Size};
 
 /// The linear map from a chart to its film, and its transpose.
 pub trait Operator {
-    /// Why one of them cannot be computed.
-    type Error;
-
     /// Size of its charts.
     fn chart(&self) -> Size;
 
@@ -53,20 +51,20 @@ pub trait Operator {
     ///
     /// # Errors
     /// It cannot be computed, or was cancelled.
-    fn apply(&self, chart: &[f32], film: &mut [f32]) -> Result<(), Self::Error>;
+    fn apply(&self, chart: &[f32], film: &mut [f32]) -> Result<(), SourceSinkError>;
 
     /// The transpose of `film`, which overwrites `chart`.
     ///
     /// # Errors
     /// As [`Operator::apply`].
-    fn transpose(&self, film: &[f32], chart: &mut [f32]) -> Result<(), Self::Error>;
+    fn transpose(&self, film: &[f32], chart: &mut [f32]) -> Result<(), SourceSinkError>;
 }
 
 /// A part of a film to be restored.
-#[derive(Clone, Copy, Debug)]
-pub struct Part<'a, O> {
+#[derive(Clone, Copy)]
+pub struct Part<'a> {
     /// Its linear map.
-    pub operator: &'a O,
+    pub operator: &'a dyn Operator,
     /// Pixels of the film.
     pub film: &'a [f32],
     /// Film pixels whose residual counts.
@@ -92,12 +90,12 @@ pub struct Restored {
     pub converged: bool,
 }
 
-impl<O: Operator> Part<'_, O> {
+impl Part<'_> {
     /// A x.
     ///
     /// # Errors
     /// Those of the operator.
-    pub fn film_of(&self, chart: &[f64]) -> Result<Vec<f32>, O::Error> {
+    pub fn film_of(&self, chart: &[f64]) -> Result<Vec<f32>, SourceSinkError> {
         let chart: Vec<f32> = chart.iter().map(|v| *v as f32).collect();
         let mut film = vec![0.0; self.operator.film().pixels()];
         self.operator.apply(&chart, &mut film)?;
@@ -105,7 +103,7 @@ impl<O: Operator> Part<'_, O> {
     }
 
     /// Aᵀ of `film`, at the free pixels, 0 elsewhere.
-    fn back(&self, film: &[f32]) -> Result<Vec<f64>, O::Error> {
+    fn back(&self, film: &[f32]) -> Result<Vec<f64>, SourceSinkError> {
         let mut chart = vec![0.0; self.operator.chart().pixels()];
         self.operator.transpose(film, &mut chart)?;
         Ok(chart.iter().zip(self.free).map(|(v, free)| if *free { f64::from(*v) } else { 0.0 }).collect())
@@ -139,7 +137,7 @@ impl<O: Operator> Part<'_, O> {
     ///
     /// # Errors
     /// Those of the operator.
-    pub fn square_residual(&self, chart: &[f64], rect: Rect) -> Result<(f64, usize), O::Error> {
+    pub fn square_residual(&self, chart: &[f64], rect: Rect) -> Result<(f64, usize), SourceSinkError> {
         Ok(self.square_difference(&self.film_of(chart)?, rect))
     }
 

@@ -9,6 +9,7 @@
 //! the wrap of the transform, which only cost iterations.
 
 use super::Operator;
+use crate::flow::SourceSinkError;
 use crate::geometry::{Rect, Size};
 use crate::real;
 use crate::veil::fft::{Planes, side};
@@ -39,7 +40,7 @@ impl LocalSpectrum {
     ///
     /// # Errors
     /// Those of the operator.
-    pub fn new<O: Operator>(operator: &O, window_px: usize, free: Rect) -> Result<Self, O::Error> {
+    pub fn new(operator: &dyn Operator, window_px: usize, free: Rect) -> Result<Self, SourceSinkError> {
         let size = operator.chart();
         let sides = Size::new(side(size.height), side(size.width));
         let reach = window_px - 1 + MARGIN_PX;

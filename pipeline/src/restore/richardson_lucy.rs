@@ -9,7 +9,8 @@
 //!
 //! Left out: a known background, acceleration. Source: Richardson, J. Opt. Soc. Am. 62, 55 (1972); Lucy, Astron. J. 79, 745 (1974).
 
-use super::{Operator, Part, Restored};
+use super::{Part, Restored};
+use crate::flow::SourceSinkError;
 
 /// The least start value and divisor, of the largest: a pixel at 0 would stay there.
 const LEAST: f64 = 1e-6;
@@ -29,7 +30,7 @@ impl Iteration {
     ///
     /// # Errors
     /// Those of the operator.
-    pub fn new<O: Operator>(part: &Part<'_, O>) -> Result<Self, O::Error> {
+    pub fn new(part: &Part<'_>) -> Result<Self, SourceSinkError> {
         let least = LEAST * part.start.iter().fold(0.0, |m: f64, v| m.max(*v));
         let mut ones = vec![1.0; part.film.len()];
         part.mask(&mut ones);
@@ -42,7 +43,7 @@ impl Iteration {
     ///
     /// # Errors
     /// Those of the operator.
-    pub fn step<O: Operator>(&mut self, part: &Part<'_, O>) -> Result<(), O::Error> {
+    pub fn step(&mut self, part: &Part<'_>) -> Result<(), SourceSinkError> {
         let mut ratio = part.film_of(&self.chart)?;
         let least = (self.least as f32).max(f32::MIN_POSITIVE);
         let b = part.background;
@@ -78,7 +79,7 @@ impl Iteration {
 ///
 /// # Errors
 /// Those of the operator.
-pub fn restore<O: Operator>(part: &Part<'_, O>, iterations: usize) -> Result<Restored, O::Error> {
+pub fn restore(part: &Part<'_>, iterations: usize) -> Result<Restored, SourceSinkError> {
     let mut iteration = Iteration::new(part)?;
     for _ in 0..iterations {
         iteration.step(part)?;

@@ -8,8 +8,8 @@ use super::noise::{NoiseEstimate, unit_noise};
 use super::places::{Place, Places};
 use super::response::Response;
 use super::{Operator, Part, richardson_lucy, tikhonov, total_variation};
+use crate::flow::SourceSinkError;
 use crate::geometry::{Rect, Size};
-use std::convert::Infallible;
 
 /// A PSF of 5 x 5 px whose width grows along the rows; light beyond the border is lost.
 struct Blur(Size);
@@ -39,8 +39,6 @@ impl Blur {
 }
 
 impl Operator for Blur {
-    type Error = Infallible;
-
     fn chart(&self) -> Size {
         self.0
     }
@@ -49,13 +47,13 @@ impl Operator for Blur {
         self.0
     }
 
-    fn apply(&self, chart: &[f32], film: &mut [f32]) -> Result<(), Infallible> {
+    fn apply(&self, chart: &[f32], film: &mut [f32]) -> Result<(), SourceSinkError> {
         film.fill(0.0);
         self.each(|from, to, weight| film[to] += weight as f32 * chart[from]);
         Ok(())
     }
 
-    fn transpose(&self, film: &[f32], chart: &mut [f32]) -> Result<(), Infallible> {
+    fn transpose(&self, film: &[f32], chart: &mut [f32]) -> Result<(), SourceSinkError> {
         chart.fill(0.0);
         self.each(|from, to, weight| chart[from] += weight as f32 * film[to]);
         Ok(())

@@ -10,7 +10,8 @@
 //! Left out: bounds of the values; restored pixels may be negative. Source: Saad, Iterative Methods for Sparse Linear Systems (SIAM 2003), 9.2.
 
 use super::local::LocalSpectrum;
-use super::{Operator, Part, Restored};
+use super::{Part, Restored};
+use crate::flow::SourceSinkError;
 use crate::geometry::Size;
 
 /// How exactly it is solved.
@@ -26,13 +27,13 @@ pub struct Stop {
 ///
 /// # Errors
 /// Those of the operator.
-pub fn restore<O: Operator>(
-    part: &Part<'_, O>,
+pub fn restore(
+    part: &Part<'_>,
     spectrum: &LocalSpectrum,
     lambda: f64,
     stop: Stop,
-) -> Result<Restored, O::Error> {
-    let matrix = |x: &[f64]| -> Result<Vec<f64>, O::Error> {
+) -> Result<Restored, SourceSinkError> {
+    let matrix = |x: &[f64]| -> Result<Vec<f64>, SourceSinkError> {
         let mut film = part.film_of(x)?;
         part.weigh(&mut film);
         let mut out = part.back(&film)?;
@@ -70,7 +71,7 @@ pub fn restore<O: Operator>(
 }
 
 /// Adds λ DᵀD `chart` at the free pixels.
-pub(super) fn add_smoothness<O: Operator>(part: &Part<'_, O>, lambda: f64, chart: &[f64], out: &mut [f64]) {
+pub(super) fn add_smoothness(part: &Part<'_>, lambda: f64, chart: &[f64], out: &mut [f64]) {
     let Size { height, width } = part.operator.chart();
     for (i, to) in out.iter_mut().enumerate().filter(|(i, _)| part.free[*i]) {
         let (y, x, here) = (i / width, i % width, chart[i]);

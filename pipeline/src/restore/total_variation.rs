@@ -13,7 +13,8 @@
 
 use super::local::LocalSpectrum;
 use super::tikhonov::{Stop, add_smoothness, dot, largest};
-use super::{Operator, Part, Restored};
+use super::{Part, Restored};
+use crate::flow::SourceSinkError;
 use crate::geometry::{Rect, Size};
 
 /// κ over the largest start value; how often it is halved, and after how many steps.
@@ -48,7 +49,7 @@ impl Iteration {
     ///
     /// # Errors
     /// Those of the operator.
-    pub fn new<O: Operator>(part: &Part<'_, O>, mu: f64) -> Result<Self, O::Error> {
+    pub fn new(part: &Part<'_>, mu: f64) -> Result<Self, SourceSinkError> {
         let image = part.film_of(part.start)?;
         let mut difference: Vec<f32> = part.film.iter().zip(&image).map(|(film, of)| film - of).collect();
         part.weigh(&mut difference);
@@ -80,11 +81,7 @@ impl Iteration {
     ///
     /// # Errors
     /// Those of the operator.
-    pub fn step<O: Operator>(
-        &mut self,
-        part: &Part<'_, O>,
-        spectrum: &LocalSpectrum,
-    ) -> Result<f64, O::Error> {
+    pub fn step(&mut self, part: &Part<'_>, spectrum: &LocalSpectrum) -> Result<f64, SourceSinkError> {
         let (size, rho) = (part.operator.chart(), self.mu / self.kappa);
         // The residual of the equation of x: −ρ Dᵀ(D x − z + u) in addition.
         let mut residual = self.residual.clone();
@@ -148,7 +145,7 @@ impl Iteration {
     }
 
     /// Σ w (A x − film)² over the film pixels of `rect`, and the number of them that are measured.
-    pub fn square_residual<O: Operator>(&self, part: &Part<'_, O>, rect: Rect) -> (f64, usize) {
+    pub fn square_residual(&self, part: &Part<'_>, rect: Rect) -> (f64, usize) {
         part.square_difference(&self.image, rect)
     }
 
@@ -162,12 +159,12 @@ impl Iteration {
 ///
 /// # Errors
 /// Those of the operator.
-pub fn restore<O: Operator>(
-    part: &Part<'_, O>,
+pub fn restore(
+    part: &Part<'_>,
     spectrum: &LocalSpectrum,
     mu: f64,
     stop: Stop,
-) -> Result<Restored, O::Error> {
+) -> Result<Restored, SourceSinkError> {
     let mut iteration = Iteration::new(part, mu)?;
     let mut still = 0;
     while still < STILL && iteration.iterations < stop.max_iterations {

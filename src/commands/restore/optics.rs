@@ -8,6 +8,7 @@ use crate::failure::usage;
 use crate::job::arrays::{ArrayFilm, ArrayLens};
 use crate::progress::interrupt;
 use anyhow::{Context, Result};
+use pipeline::flow::SourceSinkError;
 use pipeline::geometry::{Rect, Size};
 use pipeline::restore::Operator;
 use std::sync::Arc;
@@ -160,8 +161,6 @@ impl Map {
 }
 
 impl Operator for Map {
-    type Error = anyhow::Error;
-
     fn chart(&self) -> Size {
         let [_, height, width] = self.film.chart_shape();
         Size::new(height, width)
@@ -172,11 +171,11 @@ impl Operator for Map {
         Size::new(height, width)
     }
 
-    fn apply(&self, chart: &[f32], film: &mut [f32]) -> Result<()> {
-        self.mean(film, |band, film| self.film.compute_in_windows(band, chart, film, self.cancel))
+    fn apply(&self, chart: &[f32], film: &mut [f32]) -> Result<(), SourceSinkError> {
+        Ok(self.mean(film, |band, film| self.film.compute_in_windows(band, chart, film, self.cancel))?)
     }
 
-    fn transpose(&self, film: &[f32], chart: &mut [f32]) -> Result<()> {
-        self.mean(chart, |band, chart| self.film.adjoint_in_windows(band, film, chart, self.cancel))
+    fn transpose(&self, film: &[f32], chart: &mut [f32]) -> Result<(), SourceSinkError> {
+        Ok(self.mean(chart, |band, chart| self.film.adjoint_in_windows(band, film, chart, self.cancel))?)
     }
 }

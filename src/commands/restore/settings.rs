@@ -132,7 +132,7 @@ impl Settings {
         let mut point = vec![0.0f32; chart.size().pixels()];
         point[(y - chart.y) as usize * chart.width + (x - chart.x) as usize] = 1.0;
         let mut film = vec![0.0f32; size.pixels()];
-        sample.tile.map.apply(&point, &mut film)?;
+        sample.tile.map.apply(&point, &mut film).map_err(anyhow::Error::from_boxed)?;
         let film: Vec<f64> = film.iter().map(|v| f64::from(*v)).collect();
         let amplitude = peak / sample.tile.map.gain();
         let image = self.difference(sample, &film, amplitude)?;
@@ -191,7 +191,8 @@ impl Sample {
     /// Sum of the weighted squares of the residual over the film pixels of the core, and the number of those that are measured.
     fn square_residual(&self, chart: &[f64]) -> Result<(f64, usize)> {
         let start = Vec::new();
-        self.tile.part(&self.film, &start).square_residual(chart, self.measured)
+        let residual = self.tile.part(&self.film, &start).square_residual(chart, self.measured);
+        residual.map_err(anyhow::Error::from_boxed)
     }
 }
 

@@ -150,12 +150,12 @@ impl Tile {
     /// # Errors
     /// As the map's.
     pub fn spectrum(&self) -> Result<LocalSpectrum> {
-        let spectrum = LocalSpectrum::new(&self.map, self.map.window_px(), self.free_rect)?;
-        Ok(spectrum.with_density(self.density))
+        let spectrum = LocalSpectrum::new(&self.map, self.map.window_px(), self.free_rect);
+        Ok(spectrum.map_err(anyhow::Error::from_boxed)?.with_density(self.density))
     }
 
     /// Its problem, of `film`, the pixels of F, from `start`.
-    pub fn part<'a>(&'a self, film: &'a Pixels, start: &'a [f64]) -> Part<'a, Map> {
+    pub fn part<'a>(&'a self, film: &'a Pixels, start: &'a [f64]) -> Part<'a> {
         Part {
             operator: &self.map,
             film: &film.values,
@@ -193,7 +193,7 @@ impl Tile {
             Some(spectrum) => Ok(Cow::Borrowed(spectrum)),
             None => self.spectrum().map(Cow::Owned),
         };
-        match strength {
+        let restored = match strength {
             Strength::Iterations(count) => richardson_lucy::restore(&part, count),
             Strength::Mu(mu) => {
                 let stop = Stop { tolerance: LAST_CHANGE * tolerance, max_iterations: MAX_STEPS };
@@ -203,7 +203,8 @@ impl Tile {
                 let stop = Stop { tolerance, max_iterations: MAX_ITERATIONS };
                 tikhonov::restore(&part, &*spectrum()?, lambda, stop)
             }
-        }
+        };
+        restored.map_err(anyhow::Error::from_boxed)
     }
 
     /// The values of `rect` of the picture in `chart`, one of its charts.

@@ -5,7 +5,7 @@
 use super::super::recorded::Recorded;
 use super::super::tile::Strength;
 use super::{Sample, Settings};
-use anyhow::Result;
+use anyhow::{Error, Result};
 use pipeline::geometry::{Rect, Size};
 use pipeline::restore::discrepancy::{self, CLOSE, PartPower};
 use pipeline::restore::local::LocalSpectrum;
@@ -122,12 +122,12 @@ impl Settings {
         let parts: Vec<_> =
             samples.iter().zip(&starts).map(|(s, start)| s.tile.part(&s.film, start)).collect();
         let mut mu = first;
-        let mut iterations =
-            parts.iter().map(|part| total_variation::Iteration::new(part, mu)).collect::<Result<Vec<_>>>()?;
+        let begin = |part| total_variation::Iteration::new(part, mu).map_err(Error::from_boxed);
+        let mut iterations = parts.iter().map(begin).collect::<Result<Vec<_>>>()?;
         let mut close = 0;
         for done in 1..=MAX_MU_STEPS {
             let steps = iterations.iter_mut().zip(&parts).zip(samples).map(|((iteration, part), sample)| {
-                iteration.step(part, &sample.spectrum)?;
+                iteration.step(part, &sample.spectrum).map_err(Error::from_boxed)?;
                 Ok(iteration.square_residual(part, sample.measured))
             });
             self.residual = self.mean_square(steps)?;
@@ -149,11 +149,12 @@ impl Settings {
         let starts: Vec<Vec<f64>> = samples.iter().map(|s| s.tile.start(&s.film)).collect();
         let parts: Vec<_> =
             samples.iter().zip(&starts).map(|(s, start)| s.tile.part(&s.film, start)).collect();
-        let mut iterations = parts.iter().map(Iteration::new).collect::<Result<Vec<_>>>()?;
+        let begin = |part| Iteration::new(part).map_err(Error::from_boxed);
+        let mut iterations = parts.iter().map(begin).collect::<Result<Vec<_>>>()?;
         let most = given.map_or(MAX_ITERATIONS, |count| count as usize);
         for done in 1..=most {
             for (iteration, part) in iterations.iter_mut().zip(&parts) {
-                iteration.step(part)?;
+                iteration.step(part).map_err(Error::from_boxed)?;
             }
             if given.is_none() || done == most {
                 let of =
