@@ -347,6 +347,9 @@ impl Pass<'_> {
                 );
             }
         }
+        if self.corrections.is_empty() {
+            return;
+        }
         let products: Vec<&[f32]> = add.products.chunks(n).collect();
         let tile = factor_tile(pattern.columns);
         let of_row = self.corrections.len() * bands * tile;
