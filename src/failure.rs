@@ -75,6 +75,19 @@ pub fn replacing_other_job<T>(
     }
 }
 
+/// `error` in a command without `flags`: if it names one of them, with the command that has it, "`COMMAND` has it, and makes …".
+pub fn without_flags(
+    flags: &[&str],
+    error: anyhow::Error,
+    command: impl FnOnce() -> String,
+) -> anyhow::Error {
+    let text = line(&error);
+    match flags.iter().find(|flag| text.contains(**flag)) {
+        None => error,
+        Some(flag) => error.context(format!("this command has no {flag}; {}", command())),
+    }
+}
+
 /// The error and its causes in one line, as [`text`]; characters that a terminal obeys, which file names may contain, are escaped.
 pub fn line(error: &anyhow::Error) -> String {
     escape::one_line(&text(error)).into_owned()

@@ -2,7 +2,7 @@
 
 use crate::args::{DESIGN_FILES, size_order_note};
 use crate::design;
-use crate::failure::{line, usage};
+use crate::failure::{usage, without_flags};
 use crate::machine::machine_memory;
 use crate::progress::{counting, log_line};
 use anyhow::Result;
@@ -71,18 +71,14 @@ const FORMAT_FLAGS: [&str; 2] = ["--axes", "--var"];
 /// Opens `PATH`, `PATH//array` or `gen:KIND?…` without flags of its format.
 pub fn chart(spec: &str, wavelengths: Option<&str>, nan: NanPolicy, cache_bytes: usize) -> Result<Chart> {
     chart_with(spec, &ChartFlags { wavelengths, nan, cache_bytes, ..ChartFlags::default() })
-        .map_err(|e| without_flags(&FORMAT_FLAGS, spec, e))
+        .map_err(|e| without_chart_flags(&FORMAT_FLAGS, spec, e))
 }
 
-/// An error of the chart `spec` in a command without `flags`: if it names one of them, with the command that has it.
-pub fn without_flags(flags: &[&str], spec: &str, error: anyhow::Error) -> anyhow::Error {
-    let text = line(&error);
-    match flags.iter().find(|flag| text.contains(**flag)) {
-        None => error,
-        Some(flag) => error.context(format!(
-            "this command has no {flag}; `lenscube export {spec} CHART.hdr` has it, and writes a chart for this command"
-        )),
-    }
+/// An error of the chart `spec` in a command without `flags` of charts.
+pub fn without_chart_flags(flags: &[&str], spec: &str, error: anyhow::Error) -> anyhow::Error {
+    without_flags(flags, error, || {
+        format!("`lenscube export {spec} CHART.hdr` has it, and writes a chart for this command")
+    })
 }
 
 /// Opens `PATH`, `PATH//array`, a folder or pattern of pictures, or `gen:KIND?…`.

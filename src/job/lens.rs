@@ -38,7 +38,7 @@ use pipeline::simd::Simd;
 use serde_json::Value;
 use std::sync::Arc;
 use traced::Traced;
-pub use tracing::without_flags;
+pub use tracing::without_tracing_flags;
 use tracing_job::TracingJob;
 pub use tracing_job::{EstimatedLens, TracedFor};
 pub use untraced::{UntracedDesign, UntracedLens};
@@ -87,7 +87,7 @@ impl JobLens {
                 let traced = traced.with_context(|| format!("tracing {name}"));
                 let traced = match &tracing {
                     Some(_) => traced?,
-                    None => traced.map_err(|e| without_flags(&name, e))?,
+                    None => traced.map_err(|e| without_tracing_flags(&name, e))?,
                 };
                 let drawn = match asymmetric {
                     Some(AsymmetricLens::Drawn(drawn)) => Some(*drawn),

@@ -1,7 +1,7 @@
 //! Two films of other pixels, both at the pixels of the coarser one that lie on both: means over these, as a sensor of such pixels has them ([`pipeline::sensor::pixels`]).
 
 use crate::args::CompareArgs;
-use crate::camera::frame::{array_index, split_group};
+use crate::camera::frame::array_index;
 use crate::failure::usage;
 use crate::film::plane::FilmPlane;
 use crate::job::light_units::{self, Quantity};
@@ -14,7 +14,6 @@ use pipeline::flow::{ChartSource, SourceSinkError};
 use pipeline::geometry::{Rect, Size};
 use pipeline::sensor::pixels::{Axis, Resample, Taps};
 use serde_json::{Value, json};
-use std::path::{Path, PathBuf};
 
 /// Share of a pixel of the finer film that counts as none.
 const SAME_EDGE: f64 = 1e-9;
@@ -154,7 +153,7 @@ pub fn common_pixels(args: &CompareArgs, names: &[String; 2], charts: &[Chart; 2
         ));
     }
     let of = |name: &String, chart: &Chart, pitch_um: f64| -> Result<FilmPlane> {
-        Ok(plane(name)?.unwrap_or_else(|| {
+        Ok(plane(chart)?.unwrap_or_else(|| {
             if !name.starts_with("gen:") {
                 log_line(format!("note: {name} records no optical axis: its middle is taken for it"));
             }
@@ -176,8 +175,8 @@ pub fn common_pixels(args: &CompareArgs, names: &[String; 2], charts: &[Chart; 2
 }
 
 /// Prints a note if the films `names`, of the same pixels, record optical axes at other ones.
-pub fn note_other_axes(names: &[String; 2]) {
-    let (Ok(Some(a)), Ok(Some(b))) = (plane(&names[0]), plane(&names[1])) else { return };
+pub fn note_other_axes(names: &[String; 2], charts: &[Chart; 2]) {
+    let (Ok(Some(a)), Ok(Some(b))) = (plane(&charts[0]), plane(&charts[1])) else { return };
     let [y, x] = [a.axis_um.0 - b.axis_um.0, a.axis_um.1 - b.axis_um.1].map(|um| um / a.pitch_um);
     if y.abs().max(x.abs()) > SAME_AXIS_PX {
         log_line(format!(
@@ -190,30 +189,21 @@ pub fn note_other_axes(names: &[String; 2]) {
     }
 }
 
-/// Where the pixels of the film `name` are; none of what is no film of this program, and records no axis.
+/// Where the pixels of a film are; none of what is no film of this program, and records no axis.
 ///
 /// # Errors
 /// A film that cannot be opened; usage: an array that it does not have.
-fn plane(name: &str) -> Result<Option<FilmPlane>> {
-    let (path, array) = split_group(name);
-    let mut found = (FilmStore::open(Path::new(path), true), array.to_owned());
-    if let (Err(GroupError::NotOfKind { .. }), true) = (&found.0, array.is_empty()) {
-        // An array of a film, FILM/roi_0.
-        let whole = PathBuf::from(path);
-        if let (Some(parent), Some(last)) = (whole.parent(), whole.file_name()) {
-            let of_parent = FilmStore::open(parent, true);
-            if of_parent.is_ok() {
-                found = (of_parent, last.to_string_lossy().into_owned());
-            }
-        }
-    }
-    let (store, array) = match found {
-        (Ok(store), array) => (store, array),
-        (Err(GroupError::NotOfKind { .. }), _) => return Ok(None),
-        (Err(e), _) => return Err(e.into()),
+fn plane(chart: &Chart) -> Result<Option<FilmPlane>> {
+    let Chart::Store(store) = chart else { return Ok(None) };
+    let film = match FilmStore::open(store.path(), true) {
+        Ok(film) => film,
+        Err(GroupError::NotOfKind { .. }) => return Ok(None),
+        Err(e) => return Err(e.into()),
     };
-    let names: Vec<&str> = store.spec().outputs.iter().map(|output| output.name.as_str()).collect();
-    Ok(Some(FilmPlane::new(store.spec(), array_index("film", path, &names, &array)?)))
+    let (path, array) = (store.path().display().to_string(), store.array_path());
+    let array = array.file_name().unwrap_or_default().to_string_lossy();
+    let names: Vec<&str> = film.spec().outputs.iter().map(|output| output.name.as_str()).collect();
+    Ok(Some(FilmPlane::new(film.spec(), array_index("film", &path, &names, &array)?)))
 }
 
 #[cfg(test)]

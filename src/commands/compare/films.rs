@@ -113,13 +113,13 @@ impl Films {
         let common = match a.size() != b.size() || !same_pitch {
             true => Some(common_pixels(args, &names, &charts)?),
             false => {
-                note_other_axes(&names);
+                note_other_axes(&names, &charts);
                 None
             }
         };
         let nm = |chart: &Chart, name: &String| {
             let nm = chart.wavelengths_nm();
-            nm.map_err(|e| open::without_flags(&["--wavelengths"], name, e.into()))
+            nm.map_err(|e| open::without_chart_flags(&["--wavelengths"], name, e.into()))
         };
         let (nm_a, nm_b) = (nm(a, &names[0])?, nm(b, &names[1])?);
         let in_b = |nm: f64| nm_b.iter().position(|other| (other - nm).abs() <= SAME_NM);

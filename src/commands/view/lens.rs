@@ -3,7 +3,7 @@
 use crate::args::DesignArgs;
 use crate::design;
 use crate::job::lens::samples::LensData;
-use crate::job::lens::without_flags;
+use crate::job::lens::without_tracing_flags;
 use anyhow::{Context, Result, anyhow};
 use formats::chart::cache::Cache;
 use formats::lens::builtin_names;
@@ -59,7 +59,8 @@ impl Lens {
         };
         let field_points = Cache::new(CACHE_BYTES);
         if let Some(name) = name {
-            let data = LensData::open(name, &DesignArgs::default()).map_err(|e| without_flags(name, e))?;
+            let data =
+                LensData::open(name, &DesignArgs::default()).map_err(|e| without_tracing_flags(name, e))?;
             let film_lens = film_lens.unwrap_or("an unknown lens");
             let note = format!("not the lens that the film was made with, {film_lens}");
             let note = (!is_film_lens(&data)?).then_some(note);

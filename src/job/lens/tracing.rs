@@ -17,7 +17,7 @@ use super::traced::Traced;
 use super::tracing_job::{TracingJob, WIDER, trace_options};
 use crate::args::{DesignArgs, TracingArgs};
 use crate::design;
-use crate::failure::{line, usage};
+use crate::failure::{usage, without_flags};
 use crate::job::lens::cache::failures::KnownFailure;
 use crate::job::lens::cache::{self, Cache};
 use crate::job::lens::samples::design_reach_mm;
@@ -231,16 +231,11 @@ fn missed_energy(options: &TraceOptions, pack: &LensPack) -> Option<MissedEnergy
     missed.min_by(|a, b| a.least.total_cmp(&b.least))
 }
 
-/// An error of tracing `name` in a command without flags of tracing: with the command that has the flags that it names.
-pub fn without_flags(name: &str, error: anyhow::Error) -> anyhow::Error {
-    let text = line(&error);
-    let flags = TracingArgs::FLAGS.iter().filter(|flag| text.contains(*flag)).count();
-    match flags {
-        0 => error,
-        _ => error.context(format!(
-            "this command traces {name} without flags; `lenscube lens trace {name} PACK` has them, and makes a lens pack for this command"
-        )),
-    }
+/// An error of tracing `name` in a command without flags of tracing.
+pub fn without_tracing_flags(name: &str, error: anyhow::Error) -> anyhow::Error {
+    without_flags(&TracingArgs::FLAGS, error, || {
+        format!("`lenscube lens trace {name} PACK` has it, and makes a lens pack for this command")
+    })
 }
 
 /// Traces bands, or reads them from the cache.

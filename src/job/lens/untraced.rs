@@ -4,7 +4,7 @@ use super::asymmetric::AsymmetricLens;
 use super::band_widths::BandWidths;
 use super::drawn::DrawnLens;
 use super::known::KnownLenses;
-use super::tracing::without_flags;
+use super::tracing::without_tracing_flags;
 use crate::args::{BuiltArgs, CoatingsArg, DEPTH_TOLERANCE, DepthArgs, TracingArgs};
 use crate::design::{self, DesignFile};
 use crate::failure::usage;
@@ -60,7 +60,7 @@ impl UntracedLens {
             return Ok(Self::Pack(Box::new(open::symmetric_lens(name)?)));
         }
         let opened = Self::open_focused(name, &DepthArgs::default(), &TracingArgs::default())
-            .map_err(|e| without_flags(name, e))?;
+            .map_err(|e| without_tracing_flags(name, e))?;
         Ok(match opened {
             Self::Design(design) => Self::Design(Box::new(UntracedDesign { tracing: None, ..*design })),
             pack => pack,
