@@ -1,5 +1,6 @@
 //! The raw of a job: created, resumed, or found complete; its missing shards are made.
 
+use super::record::Start;
 use super::resolve::RawJob;
 use super::{record, signal, warnings_after, write};
 use crate::args::ExposeArgs;
@@ -12,11 +13,10 @@ use formats::durable::{fault_point, link_target, parent_of, sweep_entries};
 use formats::group::{Found, GroupError, GroupKind};
 use formats::raw::RawStore;
 use std::path::Path;
-use std::time::Instant;
 
 /// Exposes the film of `job` into the raw `raw`.
 pub fn expose(args: &ExposeArgs, job: &RawJob, raw: &Path) -> Result<u8> {
-    let start = Instant::now();
+    let start = Start::now();
     interrupt::listen();
     if !args.overwrite
         && let Some(store) = resumed(job, raw, !args.no_fsync)?
@@ -75,7 +75,7 @@ fn work(
     job: &RawJob,
     store: &RawStore,
     measured: Option<signal::Measured>,
-    start: Instant,
+    start: Start,
 ) -> Result<u8> {
     let all = store.spec().all_shards();
     if store.missing(&all)?.is_empty() {
@@ -108,7 +108,7 @@ fn work(
             resume_note(args.overwrite)
         )));
     }
-    detail_line(record::details(job, &done));
+    detail_line(record::details(job, &done, start));
     log_line(record::summary(&done, start));
     Ok(0)
 }

@@ -1,7 +1,7 @@
 //! The record that a run leaves in the raw, and its last line.
 
 use super::resolve::{RawJob, Source};
-use super::write::{Done, process_core_s};
+use super::write::{Done, seconds};
 use crate::film::group;
 use crate::machine::peak_resident;
 use crate::progress::mib;
@@ -9,11 +9,12 @@ use crate::progress::plural;
 use anyhow::Result;
 use formats::object;
 use formats::raw::RawStore;
+use rustix::time::{ClockId, clock_gettime};
 use serde_json::json;
 use std::time::Instant;
 
 /// Keeps what the run did, however it ended.
-pub fn write(job: &RawJob, store: &RawStore, outcome: &Result<Done>, start: Instant) {
+pub fn write(job: &RawJob, store: &RawStore, outcome: &Result<Done>, start: Start) {
     let done = outcome.as_ref().ok();
     let of = |f: fn(&Done) -> u64| done.map(f);
     let (bytes_read, chunks) = match &job.source {
@@ -22,7 +23,7 @@ pub fn write(job: &RawJob, store: &RawStore, outcome: &Result<Done>, start: Inst
     };
     let further = object! {
         "core_s": done.map(|d| json!({
-            "film_and_signal": rest_s(d), "noise": d.noise_s, "encode_and_write": d.write_s
+            "film_and_signal": rest_s(d, start), "noise": d.noise_s, "encode_and_write": d.write_s
         })),
         "shards": of(|d| d.shards as u64),
         "bytes_written": of(|d| d.bytes),
@@ -35,19 +36,44 @@ pub fn write(job: &RawJob, store: &RawStore, outcome: &Result<Done>, start: Inst
         "clipped_at_0": of(|d| d.black),
     };
     let left = outcome.as_ref().map(|done| done.left);
-    group::write_record(store.group(), left, (job.memory.threads, job.memory.limit as u64), start, further);
+    group::write_record(
+        store.group(),
+        left,
+        (job.memory.threads, job.memory.limit as u64),
+        start.wall,
+        further,
+    );
 }
 
-/// Core seconds of reading the film and making the signal: all but those of the shards.
-fn rest_s(done: &Done) -> f64 {
-    (process_core_s() - done.noise_s - done.write_s).max(0.0)
+/// Core seconds of reading the film and making the signal: all since `start` but those of the shards.
+fn rest_s(done: &Done, start: Start) -> f64 {
+    (process_core_s() - start.core_s - done.noise_s - done.write_s).max(0.0)
+}
+
+/// When a raw was begun: by the clock, and by the CPU time of the process, which may have made the film before.
+#[derive(Clone, Copy)]
+pub struct Start {
+    wall: Instant,
+    core_s: f64,
+}
+
+impl Start {
+    /// Now.
+    pub fn now() -> Self {
+        Self { wall: Instant::now(), core_s: process_core_s() }
+    }
+}
+
+/// CPU time of this process, s.
+fn process_core_s() -> f64 {
+    seconds(clock_gettime(ClockId::ProcessCPUTime))
 }
 
 /// Core seconds, for `-v`.
-pub fn details(job: &RawJob, done: &Done) -> String {
+pub fn details(job: &RawJob, done: &Done, start: Start) -> String {
     format!(
         "core seconds: film and signal {:.1}, noise {:.1}, encoding and writing {:.1}, on {}",
-        rest_s(done),
+        rest_s(done, start),
         done.noise_s,
         done.write_s,
         plural(job.memory.threads, "thread")
@@ -55,8 +81,8 @@ pub fn details(job: &RawJob, done: &Done) -> String {
 }
 
 /// What was done, in a line.
-pub fn summary(done: &Done, start: Instant) -> String {
-    let wall = start.elapsed().as_secs_f64();
+pub fn summary(done: &Done, start: Start) -> String {
+    let wall = start.wall.elapsed().as_secs_f64();
     format!(
         "{}, {:.1} Mpx exposed in {wall:.1} s; {:.2} % at white, {} at 0; {} written, peak memory {}",
         plural(done.shards, "shard"),

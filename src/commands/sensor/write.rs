@@ -53,12 +53,8 @@ fn thread_core_s() -> f64 {
     seconds(clock_gettime(ClockId::ThreadCPUTime))
 }
 
-/// CPU time of this process, s.
-pub fn process_core_s() -> f64 {
-    seconds(clock_gettime(ClockId::ProcessCPUTime))
-}
-
-fn seconds(t: Timespec) -> f64 {
+/// Seconds of a clock.
+pub fn seconds(t: Timespec) -> f64 {
     t.tv_sec as f64 + t.tv_nsec as f64 * 1e-9
 }
 
