@@ -1,4 +1,4 @@
-"""Charts, lenses, films and scenes on an S3-compatible store; run by check-s3.
+"""Charts, lenses, films and scenes on an S3-compatible store; run by check-s3: check_s3.py LENSCUBE [STEP ...], all steps without names.
 
 Checked: a job gives the same bytes on the store as in files, also with failing requests and after kills; other programs open the
 film; errors are reported once with the documented exit code, and never contain credentials.
@@ -456,9 +456,13 @@ def main():
                     time.sleep(0.1)
             store, env = Store(port), environment(port)
             reference = stores(store, env, here)
-            for step, args in [(status_and_verify, (store, env, reference)), (other_programs, (store, here / "film.zarr")), (kill_and_resume, (store, reference)),
-                               (transient_faults, (store, reference)), (in_units, (store, env, here, reference)), (raws, (store, env, here, reference)), (scenes, (store, env, here)), (permanent_errors, (store, env, here)), (replaced, (store,)),
-                               (encrypted, (store, here, reference)), (in_flight, (store,))]:
+            steps = [(status_and_verify, (store, env, reference)), (other_programs, (store, here / "film.zarr")), (kill_and_resume, (store, reference)),
+                     (transient_faults, (store, reference)), (in_units, (store, env, here, reference)), (raws, (store, env, here, reference)), (scenes, (store, env, here)), (permanent_errors, (store, env, here)), (replaced, (store,)),
+                     (encrypted, (store, here, reference)), (in_flight, (store,))]
+            names = [step.__name__ for step, _ in steps]
+            wanted = sys.argv[2:] or names
+            check(set(wanted) <= set(names), f"steps {wanted}: expected some of {names}")
+            for step, args in [(step, args) for step, args in steps if step.__name__ in wanted]:
                 begin = time.monotonic()
                 step(*args)
                 print(f"  {step.__name__}: {time.monotonic() - begin:.1f} s", flush=True)
