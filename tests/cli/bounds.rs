@@ -137,6 +137,7 @@ fn peak_and_plan(film: &Path) -> (u64, u64) {
 }
 
 #[test]
+#[ignore = "long: 120 s"]
 fn peak_memory_stays_within_the_limit_for_unusual_remaps_chunks_and_psfs() {
     let within = |name: &str, chart: &str, place: &Place, flags: &[&str], mib: u64| {
         let memory = format!("{mib}MiB");

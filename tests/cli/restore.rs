@@ -190,6 +190,7 @@ fn the_film_of_a_design_is_restored_with_the_lens_that_it_records() {
 
 /// Closer to the chart than differences of neighbours; the residual is that of the noise; other tiles change a pixel by less than 1e-4 of the peak.
 #[test]
+#[ignore = "long: 80 s"]
 fn total_variation_restores_plateaus() {
     let folder = Folder::of("dead-leaves", 112);
     let (reference, noise) = (folder.at("chart.zarr"), NOISE.to_string());
@@ -290,6 +291,7 @@ fn raws_are_restored_by_the_noise_of_their_sensor() {
 
 /// Of pixels that are twice the film's, every 23rd at white.
 #[test]
+#[ignore = "long: 55 s"]
 fn saturated_pixels_of_a_raw_are_left_out() {
     let folder = Folder(tempfile::tempdir().unwrap(), Vec::new());
     let (chart, film) = (folder.at("chart.zarr"), folder.at("film.zarr"));

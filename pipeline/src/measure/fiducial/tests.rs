@@ -149,7 +149,7 @@ fn sharp_marks_are_found_to_a_few_hundredths_of_a_pixel() {
 /// 0.19 px with that noise and blur of σ = 2 px, a third of a module.
 #[test]
 fn blurred_noisy_and_shaded_marks_are_found() {
-    for angle in ANGLES {
+    for angle in ANGLES.into_iter().step_by(2) {
         let shaded = |sigma: f64| scene(angle, 1.1, 0.05, false).blurred(sigma).shaded();
         for (sigma, noise, limit_px) in
             [(0.7, 0.0, 0.02), (2.0, 0.0, 0.02), (0.7, 0.05, 0.08), (2.0, 0.05, 0.25)]
