@@ -233,7 +233,6 @@ fn windows_in_parts_equal_cpu_and_f64_sum() {
     check(401, &QUARTERS, Size::new(20, 15), (9.5, 4.5));
 }
 
-/// Takes half a minute on the emulated driver, where only `scripts/check-long` runs it.
 fn widest_window_equals_cpu() {
     let film = Film::new(639, &QUARTERS, Size::new(3, 2), (1.0, 700.5));
     film.assert_equals_cpu(&film.contributions(1, AMPLE));
@@ -335,10 +334,8 @@ fn emulated(name: &str, build: Build, settings: &'static [(&'static str, &'stati
 }
 
 fn main() -> ExitCode {
-    let all: [(&str, fn()); 8] = [
+    let all: [(&str, fn()); 6] = [
         ("narrow_windows_equal_cpu_and_f64_sum", narrow_windows_equal_cpu_and_f64_sum),
-        ("windows_of_one_slice_equal_cpu_and_f64_sum", windows_of_one_slice_equal_cpu_and_f64_sum),
-        ("windows_of_four_slices_equal_cpu_and_f64_sum", windows_of_four_slices_equal_cpu_and_f64_sum),
         ("windows_in_parts_equal_cpu_and_f64_sum", windows_in_parts_equal_cpu_and_f64_sum),
         ("random_cases_equal_cpu_and_f64_sum", random_cases_equal_cpu_and_f64_sum),
         ("same_bits_in_any_batch_and_memory", same_bits_in_any_batch_and_memory),
@@ -347,16 +344,19 @@ fn main() -> ExitCode {
     ];
     let mut cases = Vec::new();
     for (name, run) in all {
-        // 15 to 25 s each on the emulated driver; such windows are among the random cases.
-        let long = name.starts_with("windows_of_");
-        cases.push(Case { long, ..Case::emulated(name, &[], run) });
+        cases.push(Case::emulated(name, &[], run));
         cases.push(Case::device(name, run));
     }
-    cases.push(Case::device("widest_window_equals_cpu", widest_window_equals_cpu));
-    cases.push(Case {
-        long: true,
-        ..Case::emulated("widest_window_equals_cpu", &[], widest_window_equals_cpu)
-    });
+    // 15 to 30 s each on the emulated driver, where only `scripts/check-long` runs them; windows of one slice and of four are among the random cases.
+    let long: [(&str, fn()); 3] = [
+        ("windows_of_one_slice_equal_cpu_and_f64_sum", windows_of_one_slice_equal_cpu_and_f64_sum),
+        ("windows_of_four_slices_equal_cpu_and_f64_sum", windows_of_four_slices_equal_cpu_and_f64_sum),
+        ("widest_window_equals_cpu", widest_window_equals_cpu),
+    ];
+    for (name, run) in long {
+        cases.push(Case { long: true, ..Case::emulated(name, &[], run) });
+        cases.push(Case::device(name, run));
+    }
     cases.push(Case::emulated(
         "device_memory_stays_within_the_limit",
         &[],
