@@ -20,6 +20,8 @@ pub(crate) use transposed::coefficients_of_film;
 
 use crate::buffer::ShardPixels;
 use crate::geometry::Rect;
+use crate::simd::lanes::{Lanes, SimdOp};
+use crate::simd::{Simd, UnfusedOp};
 
 /// A layer of a band.
 #[derive(Clone, Debug, PartialEq)]
@@ -79,56 +81,78 @@ impl Layer {
     /// Adds the layer to `pixels`, of the film rectangle `rect`.
     pub fn add(&self, rect: Rect, pixels: &mut ShardPixels) {
         match self.grid.bin_px {
-            2 => self.add_halves::<1>(rect, pixels),
-            4 => self.add_halves::<2>(rect, pixels),
-            8 => self.add_halves::<4>(rect, pixels),
-            16 => self.add_halves::<8>(rect, pixels),
-            32 => self.add_halves::<16>(rect, pixels),
-            64 => self.add_halves::<32>(rect, pixels),
+            2 => self.add_bins::<2, 2>(rect, pixels),
+            4 => self.add_bins::<4, 4>(rect, pixels),
+            8 => self.add_bins::<8, 8>(rect, pixels),
+            16 => self.add_bins::<16, 8>(rect, pixels),
+            32 => self.add_bins::<32, 16>(rect, pixels),
+            64 => self.add_bins::<64, 32>(rect, pixels),
             other => unreachable!("bins of {other} px"),
         }
     }
 
-    /// [`Layer::add`] with bins of 2 `H` pixels: the pixels of each half of a bin have the same four coefficients.
-    fn add_halves<const H: usize>(&self, rect: Rect, pixels: &mut ShardPixels) {
-        let (bin, width) = (2 * H, self.grid.size().width);
-        let first_bin = rect.x.div_euclid(bin as i64);
-        let bins = ((rect.right() - 1).div_euclid(bin as i64) - first_bin + 1) as usize;
-        let (mut line, mut values) = (vec![0f32; bins + 2 * REACH], vec![0f32; bins * bin]);
+    /// [`Layer::add`] with bins of `B` pixels, computed `P` at a time: a bin or half of it.
+    fn add_bins<const B: usize, const P: usize>(&self, rect: Rect, pixels: &mut ShardPixels) {
+        let (bin, width) = (B as i64, self.grid.size().width);
+        let first_bin = rect.x.div_euclid(bin);
+        let bins = ((rect.right() - 1).div_euclid(bin) - first_bin + 1) as usize;
+        let (mut line, mut values) = (vec![0f32; bins + 2 * REACH], vec![0f32; bins * B]);
         // Index, in a row of coefficients, of the first that the first bin reads.
         let first = self.grid.index(first_bin) - REACH;
-        let offset = (rect.x - first_bin * bin as i64) as usize;
+        let offset = (rect.x - first_bin * bin) as usize;
+        let across: [&[f32; B]; 4] =
+            std::array::from_fn(|tap| self.weights[tap][..].try_into().expect("a weight of each pixel"));
+        let simd = Simd::detect();
         for y in rect.y..rect.bottom() {
-            let in_bin = y.rem_euclid(bin as i64) as usize;
-            let top = self.grid.index(y.div_euclid(bin as i64)) - REACH + usize::from(in_bin >= H);
-            let rows: [&[f32]; 4] =
+            let in_bin = y.rem_euclid(bin) as usize;
+            let top = self.grid.index(y.div_euclid(bin)) - REACH + usize::from(in_bin >= B / 2);
+            let rows =
                 std::array::from_fn(|tap| &self.coefficients[(top + tap) * width + first..][..line.len()]);
-            let w: [f32; 4] = std::array::from_fn(|tap| self.weights[tap][in_bin]);
-            for (i, value) in line.iter_mut().enumerate() {
-                *value = w[0] * rows[0][i] + w[1] * rows[1][i] + w[2] * rows[2][i] + w[3] * rows[3][i];
-            }
-            self.fill_row::<H>(&line, &mut values);
-            let row = pixels.row_mut((y - rect.y) as usize);
-            row.iter_mut().zip(&values[offset..]).for_each(|(pixel, value)| *pixel += value);
+            let down = std::array::from_fn(|tap| self.weights[tap][in_bin]);
+            let (line, values) = (&mut line[..], &mut values[..]);
+            let pixels = pixels.row_mut((y - rect.y) as usize);
+            AddRow::<B, P> { rows, down, across, line, values, offset, pixels }.run_unfused(simd);
         }
     }
+}
 
-    /// The pixels of the bins of a row, from the coefficients `line` along it.
-    fn fill_row<const H: usize>(&self, line: &[f32], values: &mut [f32]) {
-        let halves: [[&[f32; H]; 4]; 2] = std::array::from_fn(|half| {
-            std::array::from_fn(|tap| {
-                self.weights[tap][half * H..][..H].try_into().expect("weights of half a bin")
-            })
-        });
-        for (k, bin) in values.chunks_exact_mut(2 * H).enumerate() {
-            for (half, to) in bin.chunks_exact_mut(H).enumerate() {
-                let (c, w) = (&line[k + half..][..4], halves[half]);
-                let to: &mut [f32; H] = to.try_into().expect("half a bin");
-                for i in 0..H {
-                    to[i] = w[0][i] * c[0] + w[1][i] * c[1] + w[2][i] * c[2] + w[3][i] * c[3];
+/// A row of pixels of a layer with bins of `B` pixels. Plain code, compiled for the instructions of an engine: none fuses its products.
+struct AddRow<'a, const B: usize, const P: usize> {
+    /// The coefficients of the taps, and their weights.
+    rows: [&'a [f32]; 4],
+    down: [f32; 4],
+    /// Weights of the taps along the row at the pixels of a bin.
+    across: [&'a [f32; B]; 4],
+    /// Scratch: the coefficients along the row, and its values from the first pixel of the first bin on.
+    line: &'a mut [f32],
+    values: &'a mut [f32],
+    /// Pixels of the first bin before the first of `pixels`.
+    offset: usize,
+    pixels: &'a mut [f32],
+}
+
+impl<V: Lanes, const B: usize, const P: usize> SimdOp<V> for AddRow<'_, B, P> {
+    #[inline(always)]
+    fn run(self) {
+        let Self { rows, down: w, across, line, values, .. } = self;
+        let coefficients = rows[0].iter().zip(rows[1]).zip(rows[2]).zip(rows[3]);
+        for (value, (((a, b), c), d)) in line.iter_mut().zip(coefficients) {
+            *value = w[0] * a + w[1] * b + w[2] * c + w[3] * d;
+        }
+        let (bins, _) = values.as_chunks_mut::<B>();
+        for (bin, coefficients) in bins.iter_mut().zip(line.windows(5)) {
+            for (part, to) in bin.as_chunks_mut::<P>().0.iter_mut().enumerate() {
+                // The pixels of each half of a bin have the same four coefficients, those of the second from one further on.
+                let c: [[f32; P]; 4] = std::array::from_fn(|tap| {
+                    std::array::from_fn(|i| coefficients[tap + if P < B { part } else { i / (B / 2) }])
+                });
+                let w: [&[f32; P]; 4] = std::array::from_fn(|tap| &across[tap].as_chunks::<P>().0[part]);
+                for i in 0..P {
+                    to[i] = w[0][i] * c[0][i] + w[1][i] * c[1][i] + w[2][i] * c[2][i] + w[3][i] * c[3][i];
                 }
             }
         }
+        self.pixels.iter_mut().zip(&values[self.offset..]).for_each(|(pixel, value)| *pixel += value);
     }
 }
 

@@ -35,6 +35,7 @@ pub mod light;
 pub mod plan;
 mod remapped;
 mod transpose;
+mod weights;
 
 pub use cells::ChartCells;
 pub use levels::TailKernels;

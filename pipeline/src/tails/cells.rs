@@ -13,7 +13,7 @@
 
 use super::axis::{CellGrid, CellWeights, REACH, with_pixels};
 use super::curve::{Curve, place_on};
-use super::lanes::{AddRows, Interpolate};
+use super::lanes::{AddAcross, AddRows, Interpolate, dot};
 use crate::flow::{ChartSource, SourceSinkError};
 use crate::geometry::{Rect, Size};
 use crate::parts::for_each_part;
@@ -21,6 +21,7 @@ use crate::reduced_chart::Stopped;
 use crate::resample::Surround;
 use crate::simd::lanes::MAX_LANES;
 use crate::simd::{Simd, UnfusedOp};
+use std::ops::Range;
 use std::sync::Mutex;
 use std::sync::atomic::{AtomicBool, Ordering};
 
@@ -173,10 +174,18 @@ impl<'a> StripReader<'a> {
             let first = columns.start;
             let parts: Vec<_> =
                 of_columns[columns].iter().map(|cell| cell.within(left, left + width)).collect();
+            let alike = Alike::of(&parts);
             for (to, sums) in self.cells.chunks_exact_mut(of_columns.len()).zip(self.down.chunks_exact(width))
             {
-                for (to, (pixel, weights)) in to[first..].iter_mut().zip(&parts) {
-                    *to += dot(&sums[pixel - left..][..weights.len()], weights);
+                let to = &mut to[first..];
+                for k in (0..alike.cells.start).chain(alike.cells.end..parts.len()) {
+                    let (pixel, weights) = parts[k];
+                    to[k] += dot(&sums[pixel - left..][..weights.len()], weights);
+                }
+                if let Some((pixel, _)) = parts.get(alike.cells.start) {
+                    let Alike { side, weights, .. } = alike;
+                    let (to, pixels) = (&mut to[alike.cells.clone()], &sums[pixel - left..]);
+                    AddAcross { to, pixels, side, weights }.run_unfused(self.simd);
                 }
             }
         }
@@ -184,18 +193,30 @@ impl<'a> StripReader<'a> {
     }
 }
 
-/// Σ a b: four sums side by side, then these.
-#[inline]
-fn dot(a: &[f32], b: &[f32]) -> f32 {
-    let ((a, a_rest), (b, b_rest)) = (a.as_chunks::<4>(), b.as_chunks::<4>());
-    let mut sum = [0.0; 4];
-    for (a, b) in a.iter().zip(b) {
-        for (sum, (a, b)) in sum.iter_mut().zip(a.iter().zip(b)) {
-            *sum += a * b;
+/// Cells of a row that have the same weights, complete quads, each the same number of pixels behind the one before.
+struct Alike<'a> {
+    cells: Range<usize>,
+    side: usize,
+    weights: &'a [[f32; 4]],
+}
+
+impl<'a> Alike<'a> {
+    /// Those about the middle of `cells`, of which each has its first pixel and the weights from there on.
+    fn of(cells: &[(usize, &'a [f32])]) -> Self {
+        let middle = cells.len() / 2;
+        let none = Self { cells: middle..middle, side: 0, weights: &[] };
+        let Some([(first, weights), (next, _)]) = cells[middle..].first_chunk() else { return none };
+        let ((quads, rest), Some(side)) = (weights.as_chunks(), next.checked_sub(*first)) else {
+            return none;
+        };
+        if !rest.is_empty() {
+            return none;
         }
+        let is_alike = |k: &usize| cells[*k].1 == *weights && cells[*k].0 + middle * side == first + k * side;
+        let start = (0..middle).rev().take_while(is_alike).last().unwrap_or(middle);
+        let last = (middle..cells.len()).take_while(is_alike).last().unwrap_or(middle);
+        Self { cells: start..last + 1, side, weights: quads }
     }
-    let rest: f32 = a_rest.iter().zip(b_rest).map(|(a, b)| a * b).sum();
-    (sum[0] + sum[2]) + (sum[1] + sum[3]) + rest
 }
 
 #[cfg(test)]

@@ -4,9 +4,10 @@
 //! threads: a thread convolves a row of blocks, and no film row has light of more than two of these.
 
 use super::OUT_MARGIN;
-use super::harmonics::{self, BlockWeights};
+use super::harmonics;
 use super::levels::out_size;
 use super::plan::TailPlan;
+use super::weights::{BlockWeights, image_size};
 use crate::buffer::AlignedBuf;
 use crate::geometry::{Frame, Rect, Size};
 use crate::layer::BinGrid;
@@ -15,7 +16,7 @@ use crate::psf::blocks::Blocks;
 use crate::psf::polar::BlockPlace;
 use crate::psf::simd::Columns;
 use crate::psf::simd::images::ImageSize;
-use crate::simd::lanes::{Lanes, MAX_LANES};
+use crate::simd::lanes::{Dispatch, Lanes, MAX_LANES};
 #[cfg(target_arch = "x86_64")]
 use crate::simd::{Avx2, Avx512, Unfused};
 use crate::simd::{Isa, Plain, Simd};
@@ -47,6 +48,7 @@ pub(super) struct Engine<V: Lanes> {
     pub(super) plan: TailPlan,
     pub(super) blocks: Blocks,
     pub(super) columns: Columns<V>,
+    dispatch: Dispatch<V>,
     /// Of level 0, and of level 1 if there is one, whose kernels all further levels have.
     of_levels: Vec<LevelKernels>,
 }
@@ -75,20 +77,21 @@ impl<V: Lanes> Engine<V> {
             LevelKernels { spectra: images.into_iter().map(spectrum).collect(), peaks }
         };
         let of_levels = (0..plan.levels.min(2)).map(&mut of_level).collect();
-        Self { plan: plan.clone(), blocks, columns, of_levels }
+        Self { plan: plan.clone(), blocks, columns, dispatch: Dispatch::new(simd), of_levels }
     }
 
-    /// The weights of the bins at `place` of `level` in `weights`, their size, and the spectra of their kernels.
+    /// `light`, an image of `size` of the bins at `place` of `level`, times the weights of each kernel, in `weights`: these images, and the spectra of the kernels.
     pub(super) fn weigh<'a>(
         &'a self,
         level: usize,
-        place: &BlockPlace,
+        place: (&BlockPlace, ImageSize),
+        light: &[f32],
         weights: &'a mut BlockWeights,
-    ) -> (&'a mut [f32], ImageSize, impl Iterator<Item = &'a AlignedBuf>) {
+    ) -> (&'a mut [f32], impl Iterator<Item = &'a AlignedBuf>) {
         let kernels = &self.of_levels[level.min(1)];
-        let size = weights.of_block(&self.plan, (level, &kernels.peaks), place);
+        weights.of_block(self.dispatch, &self.plan, (level, &kernels.peaks), place, light);
         let BlockWeights { kernels: of_block, values, .. } = weights;
-        (values, size, of_block.iter().map(|k| &kernels.spectra[*k]))
+        (values, of_block.iter().map(|k| &kernels.spectra[*k]))
     }
 
     /// T_l ∗ `light` on the film's bins of `level` and [`OUT_MARGIN`] around.
@@ -101,27 +104,25 @@ impl<V: Lanes> Engine<V> {
         let done: Result<(), Infallible> = for_each_part(
             threads,
             (0..rows).step_by(self.blocks.block),
-            || (BlockWeights::default(), self.columns.scratch(), Vec::new()),
-            |(weights, scratch, out), top| {
+            || (BlockWeights::default(), self.columns.scratch(), Vec::new(), Vec::new()),
+            |(weights, scratch, image, out), top| {
                 let height = self.blocks.block.min(rows - top);
                 out.clear();
                 out.resize(stride * (height + 2 * half), 0.0);
                 for block in
                     Rect::new(top as i64, 0, height, columns).tiles(self.blocks.block, self.blocks.block)
                 {
-                    let x = block.x as usize;
-                    let lines =
-                        || light.chunks(columns).skip(top).take(height).map(|row| &row[x..][..block.width]);
-                    if lines().all(|row| row.iter().all(|v| *v == 0.0)) {
+                    let (x, size) = (block.x as usize, image_size(height, block.width));
+                    image.resize(size.values(), 0.0);
+                    let lines = light.chunks_exact(columns).skip(top);
+                    for (to, line) in image.chunks_exact_mut(size.stride).zip(lines) {
+                        to[..block.width].copy_from_slice(&line[x..][..block.width]);
+                    }
+                    if image.iter().all(|v| *v == 0.0) {
                         continue;
                     }
                     let place = place(frame, &bins, block);
-                    let (images, size, spectra) = self.weigh(level, &place, weights);
-                    for image in images.chunks_exact_mut(size.values()) {
-                        for (image, light) in image.chunks_exact_mut(size.stride).zip(lines()) {
-                            image.iter_mut().zip(light).for_each(|(to, v)| *to *= v);
-                        }
-                    }
+                    let (images, spectra) = self.weigh(level, (&place, size), image, weights);
                     self.columns.convolve_images((images, size), spectra, (&mut out[x..], stride), scratch);
                 }
                 let mut sum = sum.lock().expect("no panic while held");
@@ -134,8 +135,11 @@ impl<V: Lanes> Engine<V> {
         let first = half + bins.margin - OUT_MARGIN;
         let Size { height: out_rows, width: out_columns } = out_size(&bins);
         let sum = sum.into_inner().expect("no panic while held");
-        let lines = sum.chunks_exact(stride).skip(first).take(out_rows);
-        lines.flat_map(|line| &line[first..first + out_columns]).copied().collect()
+        let mut out = Vec::with_capacity(out_rows * out_columns);
+        for line in sum.chunks_exact(stride).skip(first).take(out_rows) {
+            out.extend_from_slice(&line[first..first + out_columns]);
+        }
+        out
     }
 }
 

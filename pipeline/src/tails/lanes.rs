@@ -68,18 +68,18 @@ pub(super) struct AddRows<'a> {
 
 impl<V: Lanes> SimdOp<V> for AddRows<'_> {
     #[inline(always)]
-    fn run(self) {
+    fn run(mut self) {
         let width = self.to.len();
-        let ends = width / MAX_LANES * MAX_LANES;
-        for x in (0..ends).step_by(V::LANES) {
-            let mut sum = V::splat(0.0);
-            for (row, w) in self.pixels.chunks_exact(width).zip(self.weights) {
-                sum = sum + V::load(&row[x..]) * V::splat(*w);
-            }
-            let to = &mut self.to[x..];
-            (V::load(to) + sum).store(to);
+        let mut x = 0;
+        while x + 4 * V::LANES <= width {
+            self.add::<V, 4>(x);
+            x += 4 * V::LANES;
         }
-        for (x, to) in self.to.iter_mut().enumerate().skip(ends) {
+        while x + V::LANES <= width {
+            self.add::<V, 1>(x);
+            x += V::LANES;
+        }
+        for (x, to) in self.to.iter_mut().enumerate().skip(x) {
             let mut sum = 0.0;
             for (row, w) in self.pixels.chunks_exact(width).zip(self.weights) {
                 sum += row[x] * w;
@@ -87,4 +87,71 @@ impl<V: Lanes> SimdOp<V> for AddRows<'_> {
             *to += sum;
         }
     }
+}
+
+impl AddRows<'_> {
+    /// `N` registers from column `x` on, whose sums do not wait for each other.
+    #[inline(always)]
+    fn add<V: Lanes, const N: usize>(&mut self, x: usize) {
+        let mut sums = [V::splat(0.0); N];
+        for (row, w) in self.pixels.chunks_exact(self.to.len()).zip(self.weights) {
+            let (row, w) = (&row[x..][..N * V::LANES], V::splat(*w));
+            for (i, sum) in sums.iter_mut().enumerate() {
+                *sum = *sum + V::load(&row[i * V::LANES..]) * w;
+            }
+        }
+        for (i, sum) in sums.into_iter().enumerate() {
+            let to = &mut self.to[x + i * V::LANES..];
+            (V::load(to) + sum).store(to);
+        }
+    }
+}
+
+/// Adds to each of the cells `to` the weighted sum of its pixels, as [`dot`] has it: cell k has those from k `side` on.
+pub(super) struct AddAcross<'a> {
+    pub(super) to: &'a mut [f32],
+    pub(super) pixels: &'a [f32],
+    pub(super) side: usize,
+    pub(super) weights: &'a [[f32; 4]],
+}
+
+impl<V: Lanes> SimdOp<V> for AddAcross<'_> {
+    #[inline(always)]
+    fn run(self) {
+        let Self { to, pixels, side, weights } = self;
+        let at: [i32; MAX_LANES] = std::array::from_fn(|cell| (cell * side) as i32);
+        let ends = to.len() / V::LANES * V::LANES;
+        for cell in (0..ends).step_by(V::LANES) {
+            let pixels = &pixels[cell * side..];
+            assert!((V::LANES - 1) * side + 4 * weights.len() <= pixels.len(), "the last cell's pixels");
+            let mut quads = [V::splat(0.0); 4];
+            for (i, w) in weights.iter().enumerate() {
+                let w = V::load(bytemuck::cast_slice(&[*w; MAX_LANES / 4]));
+                for (first, quad) in quads.iter_mut().enumerate() {
+                    // SAFETY: four pixels of each of `LANES` cells, which there are, as checked.
+                    *quad = *quad + unsafe { V::load_quads(pixels, &at, first, 4 * i) } * w;
+                }
+            }
+            let [a, b, c, d] = V::transpose_quads(quads);
+            let to = &mut to[cell..];
+            (V::load(to) + ((a + c) + (b + d))).store(to);
+        }
+        for (cell, to) in to.iter_mut().enumerate().skip(ends) {
+            *to += dot(&pixels[cell * side..][..4 * weights.len()], weights.as_flattened());
+        }
+    }
+}
+
+/// Σ a b: four sums side by side, then these.
+#[inline(always)]
+pub(super) fn dot(a: &[f32], b: &[f32]) -> f32 {
+    let ((a, a_rest), (b, b_rest)) = (a.as_chunks::<4>(), b.as_chunks::<4>());
+    let mut sum = [0.0; 4];
+    for (a, b) in a.iter().zip(b) {
+        for (sum, (a, b)) in sum.iter_mut().zip(a.iter().zip(b)) {
+            *sum += a * b;
+        }
+    }
+    let rest: f32 = a_rest.iter().zip(b_rest).map(|(a, b)| a * b).sum();
+    (sum[0] + sum[2]) + (sum[1] + sum[3]) + rest
 }

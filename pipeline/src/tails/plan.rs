@@ -109,12 +109,13 @@ impl TailPlan {
         self.coefficients.iter().chain(self.coefficients.last())
     }
 
-    /// The height below `r_px` film pixels from the axis, by its index in [`TailPlan::coefficients`], and the share of the next. `near`: that of a place nearby.
-    pub(super) fn around(&self, r_px: f64, near: usize) -> (usize, f64) {
+    /// The height below `r_px` film pixels from the axis, by its index in [`TailPlan::coefficients`]. `near`: that of a place nearby.
+    #[inline(always)]
+    pub(super) fn below(&self, r_px: f64, near: usize) -> usize {
         let h = &self.height_px;
         let last = h.len() - 1;
         if r_px >= h[last] {
-            return (last, 0.0);
+            return last;
         }
         let mut k = near.min(last - 1);
         while h[k + 1] <= r_px {
@@ -123,7 +124,16 @@ impl TailPlan {
         while k > 0 && h[k] > r_px {
             k -= 1;
         }
-        (k, (r_px - h[k]) / (h[k + 1] - h[k]))
+        k
+    }
+
+    /// Replaces distances from the axis, film pixels, by the share of the height above, where `below` is the height below.
+    #[inline(always)]
+    pub(super) fn shares(&self, below: usize, places: &mut [f64]) {
+        match self.height_px[below..] {
+            [this, next, ..] => places.iter_mut().for_each(|r| *r = (*r - this) / (next - this)),
+            _ => places.fill(0.0),
+        }
     }
 
     /// Factor of the power law `j` of level `level` over that of the last level with kernels of its own, 0 or 1.

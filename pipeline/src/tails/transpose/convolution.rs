@@ -1,7 +1,7 @@
 //! The transposes of the convolutions of the levels: correlations with the same kernels, by the same transforms.
 
 use super::super::convolution::{Engine, place};
-use super::super::harmonics::BlockWeights;
+use super::super::weights::{BlockWeights, image_size};
 use crate::buffer::zeros;
 use crate::geometry::{Frame, Rect, Size};
 use crate::parts::for_each_part;
@@ -30,8 +30,8 @@ impl<V: Lanes> Engine<V> {
         let done: Result<(), Infallible> = for_each_part(
             threads,
             light.chunks_mut(self.blocks.block * columns).enumerate(),
-            || (BlockWeights::default(), self.columns.scratch(), Vec::new(), Vec::new()),
-            |(weights, scratch, window, images), (row, light)| {
+            || (BlockWeights::default(), self.columns.scratch(), Vec::new(), Vec::new(), Vec::new()),
+            |(weights, scratch, window, ones, images), (row, light)| {
                 let strip = Rect::new((row * self.blocks.block) as i64, 0, light.len() / columns, columns);
                 for block in strip.tiles(self.blocks.block, self.blocks.block) {
                     let reach = Rect::new(block.y, block.x, block.height + 2 * half, block.width + 2 * half);
@@ -45,7 +45,9 @@ impl<V: Lanes> Engine<V> {
                         window[to..][..common.width].copy_from_slice(&result[from..][..common.width]);
                     }
                     let place = place(frame, &bins, block);
-                    let (weights, size, spectra) = self.weigh(level, &place, weights);
+                    let size = image_size(block.height, block.width);
+                    ones.resize(size.values(), 1.0);
+                    let (weights, spectra) = self.weigh(level, (&place, size), ones, weights);
                     images.clear();
                     images.resize(weights.len(), 0.0);
                     let film = (&window[..], reach_stride);
