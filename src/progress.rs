@@ -357,6 +357,7 @@ pub fn summary_details(
     bytes_read: u64,
     peak: Option<u64>,
     outside_window: (f64, f64),
+    has_tails: bool,
 ) -> Vec<String> {
     let gb = |b: u64| b as f64 * 1e-9;
     let phase = |phase: &Phase| {
@@ -389,9 +390,10 @@ pub fn summary_details(
     lines.push(format!("read {:.2} GB, wrote {:.2} GB{peak}", gb(bytes_read), gb(s.bytes_written)));
     if outside_window.1 > 0.0 {
         lines.push(format!(
-            "energy outside the PSF windows: {:.1} % to {:.1} % by band (mean over heights); each PSF is scaled to sum 1",
+            "energy outside the PSF windows: {:.1} % to {:.1} % by band (mean over heights); {}",
             100.0 * outside_window.0,
-            100.0 * outside_window.1
+            100.0 * outside_window.1,
+            if has_tails { "it is on the film as tails of the PSFs" } else { "each PSF is scaled to sum 1" }
         ));
     }
     lines

@@ -89,7 +89,8 @@ pub fn write(
     let chart = ChartFigures::new(&job.chart);
     let record = record(job, units, monitor, outcome, energy, &chart);
     let summary = outcome.as_ref().map_or_else(|failure| failure.summary.as_ref(), Some);
-    print_summary(summary, &chart, energy);
+    let has_tails = job.plans.iter().any(|plan| plan.tail.is_some());
+    print_summary(summary, &chart, (energy, has_tails));
     print_hidden(job);
     // The process number alone is not unique: workers in containers often have the same one.
     let seconds = record.finished_unix_s.unwrap_or(0);
@@ -164,13 +165,18 @@ fn record(
     }
 }
 
-fn print_summary(summary: Option<&Summary>, chart: &ChartFigures, energy: &[Option<f64>]) {
+fn print_summary(
+    summary: Option<&Summary>,
+    chart: &ChartFigures,
+    (energy, has_tails): (&[Option<f64>], bool),
+) {
     if let Some(summary) = summary {
         let outside = energy.iter().flatten().map(|inside| 1.0 - inside);
         let range = outside.fold((1.0f64, 0.0f64), |(a, b), e| (a.min(e), b.max(e)));
         let bytes_read = chart.bytes_read.unwrap_or(0);
         log_line(summary_line(summary));
-        summary_details(summary, bytes_read, peak_resident(), range).into_iter().for_each(detail_line);
+        let details = summary_details(summary, bytes_read, peak_resident(), range, has_tails);
+        details.into_iter().for_each(detail_line);
     }
     if chart.missing_chunks > 0 {
         log_line(format!(
