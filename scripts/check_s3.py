@@ -438,7 +438,16 @@ def in_flight(store):
     proxy.close()
 
 
+# What each step takes.
+STEPS = {status_and_verify: "store env reference", other_programs: "store film", kill_and_resume: "store reference", transient_faults: "store reference",
+         in_units: "store env here reference", raws: "store env here reference", scenes: "store env here", permanent_errors: "store env here",
+         replaced: "store", encrypted: "store here reference", in_flight: "store"}
+
+
 def main():
+    names = [step.__name__ for step in STEPS]
+    wanted = sys.argv[2:] or names
+    check(set(wanted) <= set(names), f"steps {wanted}: expected some of {names}")
     with tempfile.TemporaryDirectory() as scratch, socket.socket() as s:
         here = Path(scratch)
         s.bind(("127.0.0.1", 0))
@@ -456,15 +465,10 @@ def main():
                     time.sleep(0.1)
             store, env = Store(port), environment(port)
             reference = stores(store, env, here)
-            steps = [(status_and_verify, (store, env, reference)), (other_programs, (store, here / "film.zarr")), (kill_and_resume, (store, reference)),
-                     (transient_faults, (store, reference)), (in_units, (store, env, here, reference)), (raws, (store, env, here, reference)), (scenes, (store, env, here)), (permanent_errors, (store, env, here)), (replaced, (store,)),
-                     (encrypted, (store, here, reference)), (in_flight, (store,))]
-            names = [step.__name__ for step, _ in steps]
-            wanted = sys.argv[2:] or names
-            check(set(wanted) <= set(names), f"steps {wanted}: expected some of {names}")
-            for step, args in [(step, args) for step, args in steps if step.__name__ in wanted]:
+            of = {"store": store, "env": env, "reference": reference, "here": here, "film": here / "film.zarr"}
+            for step, takes in [(step, takes) for step, takes in STEPS.items() if step.__name__ in wanted]:
                 begin = time.monotonic()
-                step(*args)
+                step(*(of[name] for name in takes.split()))
                 print(f"  {step.__name__}: {time.monotonic() - begin:.1f} s", flush=True)
         finally:
             moto.kill()
