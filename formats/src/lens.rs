@@ -95,6 +95,18 @@
 //! | `tail/height` | (B, H) | mm | real image heights, ascending from 0 |
 //! | `tail/coefficient` | (B, H, 10) | mm, mm³ | c_mj of harmonic m and term j at 2 m + j |
 //!
+//! # Ghosts
+//!
+//! A pack whose attribute `extras` lists `ghost` has the light of two reflections, of rings of a scene on rings of the film
+//! ([`pipeline::design::ghost::rings`]): N rings, N_s = ⌈1.25 N⌉ of the scene, M = ⌊1.5 N⌋ azimuthal orders, the same of all bands. Neither with depth nodes
+//! nor of lenses without rotational symmetry:
+//!
+//! | array | shape | unit | contents |
+//! |---|---|---|---|
+//! | `ghost/ring` | (B) | mm | width of a ring: N rings reach the film's corner |
+//! | `ghost/operator/<band index>` | (M + 1, N, N_s) | 1 | G_m(j, i), 16 ≤ N ≤ 256; none exceeds that of order 0 |
+//! | `ghost/sensor_reflectance` | (B) | 1 | share that the film reflects, which the operators contain |
+//!
 //! # Values
 //!
 //! Tables are float32, float64 or of an integer type, PSFs float32 or float64. A band with fewer field points or heights than the widest ends its rows
@@ -111,7 +123,7 @@
 //! | `f_number`, `primary_wavelength_nm` | > 0 |
 //! | `psf_sample` | `point`: point samples; `integrated`: each sample integrated over the pitch |
 //! | `psf_field` | `polar` or `grid`, of a lens without rotational symmetry |
-//! | `extras` | names of optional groups that change films: `tail`; others are an error |
+//! | `extras` | names of optional groups that change films: `tail`, `cones`, `ghost`; others are an error |
 //! | `name` | default: the file's name |
 //! | `object_distance_mm` | null, missing or `Infinity`: at infinity |
 //! | `magnification` | default 0 |
@@ -145,5 +157,6 @@ pub use digest::{DepthBandValues, band_digest};
 pub use error::LensPackError;
 pub use pack::{LensPack, builtin, builtin_names};
 pub(crate) use read::MAP_NUMBERS;
+pub use read::PackGhosts;
 pub use summary::{BandSummary, LensSummary, PlanarBandSummary, PlanarSummary, PsfFieldSummary, summary};
 pub use write::{LensPackWriter, write};

@@ -102,6 +102,10 @@ pub const IDEAL_POINT_MM: Bound = bound("the ideal point", "mm", -1e5, 1e5);
 pub const TABLE_NUMBERS: Bound = bound("the size of a lens table", "numbers", 1.0, 4_194_304.0);
 /// Numbers of the pupil functions of a band: those of the built-in lenses have up to 870,000.
 pub const PUPIL_NUMBERS: Bound = bound("the size of the pupil functions", "numbers", 1.0, 67_108_864.0);
+/// Rings of the film in the operators of ghosts.
+pub const GHOST_RINGS: Bound = bound("the number of rings", "", 16.0, 256.0);
+/// Numbers of the operator of a band: that of the most rings.
+pub const GHOST_NUMBERS: Bound = bound("the size of an operator of ghosts", "numbers", 1.0, 31_539_200.0);
 /// Depth nodes of a band.
 pub const DEPTH_NODES: Bound = bound("the number of depth nodes", "", 1.0, 4096.0);
 /// Vergence 1/z of an object in 1/m: infinity to 0.1 mm.

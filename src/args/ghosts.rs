@@ -56,7 +56,7 @@ pub(super) fn rings(text: &str) -> Result<usize, String> {
 /// Light of two reflections. Without flags as by default: none.
 #[derive(Clone, Debug, Default, PartialEq, Args)]
 pub struct GhostArgs {
-    /// Light that two surfaces of the lens reflect, or the film and one of them: on for a design with --coatings
+    /// Light that two surfaces of the lens reflect, or the film and one of them: of a design with --coatings, or of a pack that has it
     #[arg(long, value_enum, default_value_t = Switch::Off, help_heading = HEADING)]
     pub ghosts: Switch,
     /// Share that the film reflects like a mirror, for its ghosts: a number (0.05, 5%) or a table `wavelength_nm,reflectance` (.csv) [default: 0]

@@ -4,6 +4,7 @@ use super::built::BuiltArgs;
 use super::camera::CameraArgs;
 use super::choices::{BORESIGHT, STYLE, SWITCH, one_of};
 use super::design::{DESIGN_FILES, Depths, DesignArgs, depths, focus_m};
+use super::ghosts::GhostArgs;
 use super::import::ImportArgs;
 use super::lens_export::LensExportArgs;
 use super::light::LightArgs;
@@ -336,6 +337,9 @@ pub struct TraceArgs {
     /// Give the pack the chief rays and cones of the light at the film (its attribute `extras` then lists `cones`), for sensors whose response depends on the angle of incidence
     #[arg(long, conflicts_with = "depths_m")]
     pub cones: bool,
+    /// Ghosts, of which the pack then has the operators (its attribute `extras` lists `ghost`).
+    #[command(flatten)]
+    pub ghosts: GhostArgs,
     /// Maximum error of a kernel between nodes, L1 at film pixels
     #[arg(long, value_parser = positive, default_value = "0.01")]
     pub psf_tolerance: f64,

@@ -180,6 +180,7 @@ fn of_lens(command: &LensCommand) -> Guard {
         }
         LensCommand::Trace(args) => of_design(&args.design, &args.parameters)
             .reads_tolerances(&args.built)
+            .reads_ghosts(&args.ghosts)
             .writes("OUT.lens.zarr", &args.out),
         LensCommand::Tolerance(args) => {
             let guard = of_design(&args.design, &args.parameters);

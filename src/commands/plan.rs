@@ -10,7 +10,9 @@ pub mod unit_list;
 pub use command_line::CommandLine;
 pub use file::{Plan, Totals};
 
-use crate::args::{BuiltArgs, DepthArgs, Device, EngineArg, NO_HIDDEN, PlanArgs, RunArgs, TracingArgs};
+use crate::args::{
+    BuiltArgs, DepthArgs, Device, EngineArg, GhostArgs, NO_HIDDEN, PlanArgs, RunArgs, TracingArgs,
+};
 use crate::failure::usage;
 use crate::film;
 use crate::job::film_engine;
@@ -48,6 +50,7 @@ pub fn command(args: &PlanArgs, matches: &ArgMatches) -> Result<u8> {
         // The pack has them.
         run.tracing = TracingArgs::default();
         run.built = BuiltArgs::default();
+        run.veil.ghosts = GhostArgs { ghosts: run.veil.ghosts.ghosts, ..GhostArgs::default() };
         run.surfaces = DepthArgs { focus_m: None, gap: Vec::new(), depth_tolerance: None, ..run.surfaces };
     }
     let command = worker_command(&run, matches)?;
@@ -113,6 +116,8 @@ fn worker_command(run: &RunArgs, matches: &ArgMatches) -> Result<CommandLine> {
             ("--focus-m", surfaces.focus_m.is_none()),
             ("--gap", surfaces.gap.is_empty()),
             ("--depth-tolerance", surfaces.depth_tolerance.is_none()),
+            ("--sensor-reflectance", run.veil.ghosts.sensor_reflectance.is_none()),
+            ("--ghost-rings", run.veil.ghosts.ghost_rings.is_none()),
         ];
         let has = |flag: &&str| run.tracing.given().contains(flag);
         let of_built = ["--seed", "--lens-sample"];

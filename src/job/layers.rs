@@ -1,5 +1,6 @@
 //! Layers of light of a job: each is computed before the tiles of a band, stored with the film, and added to its shards ([`super::stages`]).
 
+use super::ghosts::JobGhosts;
 use super::reduced::ReducedCharts;
 use formats::film::FilmLayer;
 use pipeline::band::{BandPlan, Options};
@@ -25,6 +26,11 @@ pub trait JobLayer: Send + Sync {
 
     /// Core seconds of computing the layer of a band, the reading of the chart left out.
     fn making_s(&self) -> f64;
+
+    /// The ghosts that it has.
+    fn ghosts(&self) -> Option<&JobGhosts> {
+        None
+    }
 
     /// The coefficients of a band, row by row. They depend on the job alone.
     ///

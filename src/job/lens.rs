@@ -63,7 +63,7 @@ impl JobLens {
         depth: Option<TracedFor<'_>>,
     ) -> Result<Self> {
         match input {
-            UntracedLens::Pack(pack) => Ok(Self::Pack(Arc::from(pack))),
+            UntracedLens::Pack(pack) => Ok(Self::Pack(pack)),
             UntracedLens::Design(design) => {
                 let UntracedDesign { system, name, file, tracing, bands, asymmetric, known } = *design;
                 let job = TracingJob {

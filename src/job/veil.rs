@@ -165,13 +165,16 @@ impl JobLayer for JobVeil {
         self.maker.plan().making_s() + self.ghosts.as_ref().map_or(0.0, JobGhosts::making_s)
     }
 
+    fn ghosts(&self) -> Option<&JobGhosts> {
+        self.ghosts.as_ref()
+    }
+
     fn coefficients(&self, band: &LayerInputs<'_>) -> Result<Vec<f32>, SourceSinkError> {
         let LayerInputs { chart, chart_band, film_band, frame, plan, options, gain, threads, .. } = *band;
         let side = self.maker.plan().reduced_px;
         let read = || ReducedChart::read(chart, chart_band, side, threads, band.cancel);
         let reduced = band.reduced.get(chart.size(), chart_band, side, read)?;
-        let operator =
-            self.ghosts.as_ref().map(|ghosts| ghosts.operator(plan.lens.wavelength_nm)).transpose()?;
+        let operator = self.ghosts.as_ref().map(|ghosts| ghosts.operator(plan)).transpose()?;
         self.is_noted.call_once(|| self.note_index(band, operator.as_ref()));
         Ok(self.maker.layer(
             frame,

@@ -143,6 +143,58 @@ fn ghosts_need_a_design_that_reflects_light() {
     assert_exit(&scene.run("film", "triplet", &["--ghosts", "on", "--ghost-rings", "8"]), 2, &["16 to 256"]);
 }
 
+/// Rings of the pack and of the film are the same to a thousandth.
+#[test]
+fn ghosts_of_a_pack_are_those_of_its_design() {
+    let scene = Lamp::new(Size::new(60, 80), 6, (10.0, -15.0));
+    let packed = |name: &str, flags: &[&str]| {
+        let pack = scene.dir.path().join(name);
+        let given = ["--wavelengths", "450", "--max-height-mm", "4.98", "--film-pitch-um", "100"];
+        (
+            lenscube(
+                &[&["lens", "trace", "triplet", text(&pack), "--tails", "off"], &given[..], flags].concat(),
+            ),
+            pack,
+        )
+    };
+    let ghosts =
+        ["--coatings", "mgf2", "--ghosts", "on", "--ghost-rings", "16", "--sensor-reflectance", "5%"];
+    let (traced, pack) = packed("ghosts.lens.zarr", &ghosts);
+    traced.ok();
+    let shown = lenscube(&["lens", "show", text(&pack)]).ok().stdout;
+    assert!(shown.contains("ghosts         16 rings to 4.9800 mm; the film reflects 5 %"), "{shown}");
+    scene.run_with_cache("cache", "design", &[]).ok();
+    let on = ["--ghosts", "on"];
+    scene.run("pack", text(&pack), &on).ok();
+    scene.run("plain", text(&pack), &[]).ok();
+    // Beside the lamp, where the rounding of its light is not seen.
+    let (plain, of_design, of_pack) = (scene.film("plain"), scene.film("design"), scene.film("pack"));
+    let beside = || (0..plain.len()).filter(|i| plain[*i] == 0.0);
+    let peak = beside().map(|i| of_design[i]).fold(0.0, f32::max);
+    let worst = beside().map(|i| (of_design[i] - of_pack[i]).abs()).fold(0.0, f32::max);
+    assert!(beside().count() > 4000 && peak > 1e-3 && worst < 0.01 * peak, "{worst} of {peak}");
+    assert_exit(&lenscube(&["verify", text(&scene.dir.path().join("pack"))]), 0, &[]);
+
+    // Refused, each with its way out.
+    for flag in [["--sensor-reflectance", "0.1"], ["--ghost-rings", "32"]] {
+        let refused = scene.run("film", text(&pack), &[&on[..], &flag].concat());
+        assert_exit(&refused, 2, &[flag[0], "`lens trace`"]);
+    }
+    let (_, plain) = packed("plain.lens.zarr", &[]);
+    assert_exit(&scene.run("film", text(&plain), &on), 2, &["has no ghosts", "`lens trace --ghosts on`"]);
+    let cases: [(&[&str], &str); 4] = [
+        (&["--ghosts", "on"], "--coatings none"),
+        (&["--ghost-rings", "32"], "requires --ghosts on"),
+        (&["--coatings", "mgf2", "--ghosts", "on", "--depths-m", "1:inf"], "--ghosts on with --depths-m"),
+        (&["--coatings", "mgf2", "--ghosts", "on", "--tolerances", "none.toml"], "--tolerances"),
+    ];
+    for (flags, part) in cases {
+        let (refused, out) = packed("refused.lens.zarr", flags);
+        assert_exit(&refused, 2, &[part]);
+        assert!(!out.exists());
+    }
+}
+
 #[test]
 fn ghosts_of_the_cache_give_the_same_film_and_damaged_ones_are_traced_again() {
     let scene = Lamp::new(Size::new(60, 80), 6, (10.0, -15.0));
@@ -196,6 +248,16 @@ fn ghosts_do_not_depend_on_memory_regions_or_units() {
         lenscube(&["run", "--plan", text(&job), "--unit", unit]).ok();
     }
     assert!(scene.files("units") == whole);
+    // A plan with its ghosts in a lens pack, whose workers trace none.
+    let (job, packed, pack) = (
+        scene.dir.path().join("packed.json"),
+        scene.dir.path().join("packed"),
+        scene.dir.path().join("lens.zip"),
+    );
+    let plan = ["plan", text(&scene.chart), text(&packed), "-o", text(&job), "--lens-pack", text(&pack)];
+    lenscube(&[&plan[..], &TRIPLET, &layout].concat()).ok();
+    lenscube(&["run", "--plan", text(&job), "--unit", "0"]).ok();
+    assert!(fs::read(packed.join(layer)).unwrap() == fs::read(film.join(layer)).unwrap());
     // A flipped byte of the layer.
     let path = film.join(layer);
     let mut bytes = fs::read(&path).unwrap();

@@ -21,6 +21,8 @@ pub(super) const EXTRAS: &str = "extras";
 pub(super) const TAIL: &str = "tail";
 /// The optional group of directions of light at the film.
 pub(super) const CONES: &str = "cones";
+/// The optional group of ghosts.
+pub(super) const GHOST: &str = "ghost";
 /// Attribute with the places of the PSFs of a lens without rotational symmetry.
 pub(super) const PSF_FIELD: &str = "psf_field";
 /// Attribute of a sealed pack, true.
@@ -34,6 +36,8 @@ pub(super) struct Extras {
     pub(super) has_tail: bool,
     /// Directions of the light at the film.
     pub(super) has_cones: bool,
+    /// Ghosts.
+    pub(super) has_ghosts: bool,
 }
 
 /// Places of the PSFs of a lens without rotational symmetry: attribute `psf_field`.
@@ -196,8 +200,8 @@ impl<'a> Attributes<'a> {
 
     /// The optional groups; an unknown one is an error, since it changes pixels.
     pub(super) fn extras(&self) -> Result<Extras, LensPackError> {
-        let mut extras = Extras { has_tail: false, has_cones: false };
-        let expected = "a list of names of optional groups: \"tail\", \"cones\"";
+        let mut extras = Extras { has_tail: false, has_cones: false, has_ghosts: false };
+        let expected = "a list of names of optional groups: \"tail\", \"cones\", \"ghost\"";
         let names = match self.map.get(EXTRAS) {
             None | Some(Value::Null) => return Ok(extras),
             Some(Value::Array(names)) => names,
@@ -212,6 +216,12 @@ impl<'a> Attributes<'a> {
                 }
                 Some(TAIL) => extras.has_tail = true,
                 Some(CONES) => extras.has_cones = true,
+                Some(GHOST) if self.psf_field.is_some() || self.has_depth => {
+                    let expected =
+                        "no \"ghost\": it belongs to lenses with rotational symmetry and one object distance";
+                    return Err(self.invalid(EXTRAS, expected));
+                }
+                Some(GHOST) => extras.has_ghosts = true,
                 _ => return Err(self.invalid(EXTRAS, expected)),
             }
         }

@@ -7,7 +7,8 @@
 //! With depth nodes: of each band its head and tables, then per node vergence, tables and PSFs; of the lens the digests of its bands.
 //! Values are hashed as the pipeline uses them (PSFs in f32, normalised), so the digest does not depend on their storage. Pupil functions in place
 //! of PSFs are hashed themselves (version of the tracer, segments, values: f64), so they have another digest than the PSFs they give.
-//! A band with a tail has a section more: heights, radius and coefficients (f64); one with cones another: their distance and directions (f64).
+//! A band with a tail has a section more: heights, radius and coefficients (f64); one with cones another: their distance and directions (f64); one of a pack with ghosts
+//! a last one: width of the rings (f64) and the operator (f32).
 //!
 //! A lens without rotational symmetry has another leading line, and per band:
 //! ```text
@@ -18,6 +19,7 @@
 
 use super::attributes::PsfField;
 use super::stored::Stored;
+use pipeline::design::ghost::rings::RingOperator;
 use pipeline::design::pupil_stack::PupilStack;
 use pipeline::design::trace::TRACER_VERSION;
 use pipeline::lens::cone_field::ConeField;
@@ -31,19 +33,26 @@ const BUFFER_SAMPLES: usize = 16384;
 /// Digest of all bands; `read` reads one.
 pub(super) fn lens_digest<E>(
     lens: &Lens,
-    mut read: impl FnMut(usize) -> Result<Stored, E>,
+    mut read: impl FnMut(usize) -> Result<(Stored, Option<RingOperator>), E>,
 ) -> Result<String, E> {
     let mut h = hasher_with_head(lens, lens.bands.len());
     for (b, band) in lens.bands.iter().enumerate() {
-        add_stored(&mut h, band, &read(b)?);
+        let (stored, ghosts) = read(b)?;
+        add_stored(&mut h, band, &stored);
+        add_ghosts(&mut h, ghosts.as_ref());
     }
     Ok(h.finalize().to_hex().to_string())
 }
 
-/// Digest of band `band` alone, stored as `stored`.
-pub(super) fn stored_digest(lens: &Lens, band: usize, stored: &Stored) -> String {
+/// Digest of band `band` alone, stored as `stored`, with its ghosts.
+pub(super) fn stored_digest(
+    lens: &Lens,
+    band: usize,
+    (stored, ghosts): (&Stored, Option<&RingOperator>),
+) -> String {
     let mut h = hasher_with_head(lens, 1);
     add_stored(&mut h, &lens.bands[band], stored);
+    add_ghosts(&mut h, ghosts);
     h.finalize().to_hex().to_string()
 }
 
@@ -151,10 +160,23 @@ fn add_band(h: &mut blake3::Hasher, band: &LensBand, stack: &PsfStack) {
 }
 
 fn add_samples(h: &mut blake3::Hasher, stack: &PsfStack) {
-    for samples in stack.samples.chunks(BUFFER_SAMPLES) {
-        let bytes: Vec<u8> = samples.iter().flat_map(|v| v.to_le_bytes()).collect();
+    add_f32(h, &stack.samples);
+}
+
+fn add_f32(h: &mut blake3::Hasher, values: &[f32]) {
+    for values in values.chunks(BUFFER_SAMPLES) {
+        let bytes: Vec<u8> = values.iter().flat_map(|v| v.to_le_bytes()).collect();
         h.update(&bytes);
     }
+}
+
+/// The section of a band's ghosts, only if it has them.
+fn add_ghosts(h: &mut blake3::Hasher, ghosts: Option<&RingOperator>) {
+    let Some(RingOperator { sizes, values }) = ghosts else { return };
+    h.update(b"ghosts\n");
+    add_counts(h, &sizes.shape());
+    add_f64(h, &[sizes.ring_mm]);
+    add_f32(h, values);
 }
 
 /// The sections of a band's tail and cones, only if it has them.

@@ -58,6 +58,9 @@ pub enum LensPackError {
         "{path}: array `{array}` states {stated}, more than {limit}; its metadata is damaged, or this is not a lens pack"
     )]
     TooLarge { path: PathBuf, array: String, stated: String, limit: String },
+    /// The ghosts of a band are not those of a lens.
+    #[error("{path}: array `{array}`: {problem}")]
+    Ghosts { path: PathBuf, array: String, problem: String },
     /// A chunk is missing.
     #[error(
         "{path}: array `{array}`: chunk {chunk} is missing, so the pack is incomplete; copy it again (a writer that omits chunks equal to the fill value needs write_empty_chunks)"

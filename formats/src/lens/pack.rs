@@ -5,6 +5,7 @@ use std::ops::Range;
 use std::path::{Path, PathBuf};
 use std::sync::OnceLock;
 
+use pipeline::design::ghost::rings::RingOperator;
 use pipeline::lens::planar::PsfPlaces;
 use pipeline::lens::{Lens, LensBand, PsfStack};
 
@@ -12,7 +13,7 @@ use super::array::MAX_SAMPLES;
 use super::attributes::PackAttributes;
 use super::digest;
 use super::error::LensPackError;
-use super::read::{self, Tables};
+use super::read::{self, PackGhosts, Tables};
 use super::store::PackStore;
 use super::stored::Stored;
 use crate::durable::HashedFile;
@@ -26,6 +27,7 @@ pub struct LensPack {
     store: PackStore,
     lens: Lens,
     attributes: PackAttributes,
+    ghosts: Option<PackGhosts>,
     notes: Vec<String>,
     /// Whether it has pupil functions in place of PSFs.
     has_pupils: bool,
@@ -64,11 +66,23 @@ impl LensPack {
 
     fn from_store(store: PackStore) -> Result<Self, LensPackError> {
         let mut notes = Vec::new();
-        let Tables { lens, attributes, has_pupils, reading_bytes } = read::tables(&store, &mut notes)?;
+        let Tables { lens, attributes, ghosts, has_pupils, reading_bytes } =
+            read::tables(&store, &mut notes)?;
         let band_digests = vec![OnceLock::new(); lens.bands.len()];
         let digest = OnceLock::new();
         let hashed = None;
-        Ok(Self { store, lens, attributes, notes, has_pupils, reading_bytes, digest, band_digests, hashed })
+        Ok(Self {
+            store,
+            lens,
+            attributes,
+            ghosts,
+            notes,
+            has_pupils,
+            reading_bytes,
+            digest,
+            band_digests,
+            hashed,
+        })
     }
 
     /// The tables.
@@ -79,6 +93,21 @@ impl LensPack {
     /// Descriptive attributes.
     pub fn attributes(&self) -> &PackAttributes {
         &self.attributes
+    }
+
+    /// Its ghosts, if it has any.
+    pub fn ghosts(&self) -> Option<&PackGhosts> {
+        self.ghosts.as_ref()
+    }
+
+    /// Reads the operator of the ghosts of band `band`, if the pack has ghosts. Changes of the pack are found by
+    /// [`check_unchanged`](Self::check_unchanged).
+    ///
+    /// # Errors
+    /// There is no such band; a chunk is missing or damaged; values that are not those of an operator.
+    pub fn ghost_operator(&self, band: usize) -> Result<Option<RingOperator>, LensPackError> {
+        let read = |ghosts: &PackGhosts| read::ghost_operator(&self.store, band, ghosts.sizes);
+        self.ghosts.as_ref().map(read).transpose()
     }
 
     /// Defaults used for missing arrays and attributes, one sentence each.
@@ -142,11 +171,16 @@ impl LensPack {
         };
         let first = self.band_digests[band].get().filter(|_| self.store.may_change());
         let unchanged = match first {
-            Some(first) => *first == digest::stored_digest(&self.lens, band, &stored),
+            Some(first) => *first == self.stored_digest(band, &stored)?,
             None => self.hashed_file_is_unchanged()?,
         };
         let name = if self.has_pupils { "pupil" } else { "psf" };
         if unchanged { Ok(stored) } else { Err(self.changed(format!("{name}/{band} differs"))) }
+    }
+
+    /// Digest of band `band`, stored as `stored`, with its ghosts.
+    fn stored_digest(&self, band: usize, stored: &Stored) -> Result<String, LensPackError> {
+        Ok(digest::stored_digest(&self.lens, band, (stored, self.ghost_operator(band)?.as_ref())))
     }
 
     /// Reads the PSFs of depth node `node` of band `band` of a pack with depth nodes: finite, every window of sum 1.
@@ -195,7 +229,7 @@ impl LensPack {
             return Ok(());
         }
         let reopened = Self::open(&self.store.path).map_err(|e| self.changed(e.to_string()))?;
-        if reopened.lens != self.lens {
+        if (&reopened.lens, &reopened.ghosts) != (&self.lens, &self.ghosts) {
             return Err(self.changed("its tables differ".into()));
         }
         for (band, first) in self.band_digests.iter().enumerate() {
@@ -233,9 +267,10 @@ impl LensPack {
             return Ok(self.digest.get_or_init(|| digest));
         }
         let digest = digest::lens_digest(&self.lens, |band| {
-            let stored = self.stored(band)?;
-            self.band_digests[band].get_or_init(|| digest::stored_digest(&self.lens, band, &stored));
-            Ok::<_, LensPackError>(stored)
+            let (stored, ghosts) = (self.stored(band)?, self.ghost_operator(band)?);
+            let of_band = || digest::stored_digest(&self.lens, band, (&stored, ghosts.as_ref()));
+            self.band_digests[band].get_or_init(of_band);
+            Ok::<_, LensPackError>((stored, ghosts))
         })?;
         Ok(self.digest.get_or_init(|| digest))
     }
@@ -250,8 +285,8 @@ impl LensPack {
                 digest::depth_band_digest(&self.lens, depth, band, |node| self.psf_of_node(band, node))?;
             return Ok(self.band_digests[band].get_or_init(|| digest).clone());
         }
-        let stored = self.stored(band)?;
-        Ok(self.band_digests[band].get_or_init(|| digest::stored_digest(&self.lens, band, &stored)).clone())
+        let digest = self.stored_digest(band, &self.stored(band)?)?;
+        Ok(self.band_digests[band].get_or_init(|| digest).clone())
     }
 }
 

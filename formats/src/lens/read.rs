@@ -5,6 +5,7 @@
 
 mod cones;
 mod depth;
+mod ghosts;
 mod planar;
 mod psfs;
 mod pupils;
@@ -14,6 +15,8 @@ use super::array::PackArray;
 use super::attributes::{Attributes, PackAttributes};
 use super::error::LensPackError;
 use super::store::PackStore;
+pub use ghosts::PackGhosts;
+pub(super) use ghosts::operator as ghost_operator;
 use pipeline::bounds;
 use pipeline::lens::{Lens, LensBand};
 pub(crate) use planar::MAP_NUMBERS;
@@ -25,6 +28,7 @@ use std::f64::consts::PI;
 pub(super) struct Tables {
     pub(super) lens: Lens,
     pub(super) attributes: PackAttributes,
+    pub(super) ghosts: Option<PackGhosts>,
     /// Whether it has pupil functions in place of PSFs.
     pub(super) has_pupils: bool,
     /// Bytes of memory for reading the PSFs of each band, in addition to the samples.
@@ -71,6 +75,7 @@ pub(super) fn tables(store: &PackStore, notes: &mut Vec<String>) -> Result<Table
         true => cones::read(&tables, head.psf_field.is_none())?,
         false => vec![None; bands],
     };
+    let ghosts = extras.has_ghosts.then(|| ghosts::read(&tables)).transpose()?;
     let mut tails = match extras.has_tail {
         true => tail::read(&tables)?,
         false => vec![None; bands],
@@ -145,7 +150,7 @@ pub(super) fn tables(store: &PackStore, notes: &mut Vec<String>) -> Result<Table
         compensators: head.any("compensators"),
         sealed: head.sealed()?,
     };
-    Ok(Tables { lens, attributes, has_pupils, reading_bytes })
+    Ok(Tables { lens, attributes, ghosts, has_pupils, reading_bytes })
 }
 
 /// Tables over image height, or over the film.

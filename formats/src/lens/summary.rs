@@ -10,6 +10,7 @@
 mod planar;
 
 use super::pack::LensPack;
+use super::read::PackGhosts;
 use pipeline::lens::depth::LensDepth;
 use pipeline::lens::{LensBand, PsfSample};
 pub use planar::{PlanarBandSummary, PlanarSummary, PsfFieldSummary};
@@ -61,6 +62,9 @@ pub struct LensSummary {
     /// Whether its maker sealed it.
     #[serde(skip_serializing_if = "std::ops::Not::not")]
     pub sealed: bool,
+    /// Rings of its ghosts, and the reflectance of the film that they contain.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub ghosts: Option<String>,
     /// Depth nodes and focus.
     pub depth: Option<String>,
     /// Defaults used for missing arrays and attributes.
@@ -153,11 +157,21 @@ pub fn summary(pack: &LensPack, all_bands: bool, rotation_error: Option<f64>) ->
         },
         sealed: other.sealed,
         stored: if pack.has_pupils() { "pupil functions" } else { "PSFs" },
+        ghosts: pack.ghosts().map(ghosts_summary),
         depth: lens.depth.as_ref().map(depth_summary),
         notes: pack.notes().to_vec(),
         table,
         planar,
     }
+}
+
+fn ghosts_summary(ghosts: &PackGhosts) -> String {
+    let of = |r: f64| format!("{}", (1e4 * r).round() / 1e2);
+    let least = ghosts.film_reflectance.iter().copied().fold(f64::INFINITY, f64::min);
+    let most = ghosts.film_reflectance.iter().copied().fold(0.0, f64::max);
+    let share = if least == most { of(most) } else { format!("{} to {}", of(least), of(most)) };
+    let (rings, corner) = (ghosts.sizes.rings, ghosts.sizes.corner_mm());
+    format!("{rings} rings to {corner:.4} mm; the film reflects {share} %")
 }
 
 fn band_summary(band: &LensBand, primary: &LensBand, f_number: f64) -> BandSummary {
@@ -288,6 +302,9 @@ impl fmt::Display for LensSummary {
         }
         if let Some(depth) = &self.depth {
             writeln!(f, "depth          {depth}")?;
+        }
+        if let Some(ghosts) = &self.ghosts {
+            writeln!(f, "ghosts         {ghosts}")?;
         }
         for note in &self.notes {
             writeln!(f, "note           {note}")?;

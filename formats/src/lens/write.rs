@@ -6,18 +6,20 @@
 
 mod cones;
 mod depth;
+mod ghosts;
 mod planar;
 mod pupils;
 mod tail;
 
 use super::array::MAX_SAMPLES;
 use super::attributes::{
-    CONES, DEPTH_SCHEMA, EXTRAS, PLANAR_SCHEMA, PSF_FIELD, PUPIL_SCHEMA, PackAttributes, REFERENCE_POINT,
-    SCHEMA, SEALED, TAIL,
+    CONES, DEPTH_SCHEMA, EXTRAS, GHOST, PLANAR_SCHEMA, PSF_FIELD, PUPIL_SCHEMA, PackAttributes,
+    REFERENCE_POINT, SCHEMA, SEALED, TAIL,
 };
 use super::error::LensPackError;
 use super::read::SUM_TOLERANCE;
 use super::sink::Sink;
+use pipeline::design::ghost::rings::RingSizes;
 use pipeline::lens::cone_field::ConeField;
 use pipeline::lens::{Lens, LensBand, PsfSample, PsfStack};
 use serde_json::{Value, json};
@@ -33,12 +35,17 @@ type StackKey = (usize, Option<usize>);
 /// Side, pitch, number of PSFs and kind of samples of a stack.
 type StackShape = (usize, f64, usize, PsfSample);
 
+/// Rings of the ghosts of a band, and reflectance of the film.
+type GhostHead = (RingSizes, f64);
+
 /// Writer of a pack: [`psf`](Self::psf) or [`pupils`](Self::pupils) for every band in any order, then [`finish`](Self::finish). Dropped before
 /// that, it leaves no file.
 pub struct LensPackWriter {
     sink: Sink,
     /// Side, pitch, number of PSFs and kind of samples of the stacks written so far, by band and depth node.
     written: BTreeMap<StackKey, StackShape>,
+    /// Ghosts written so far, by band.
+    ghosts: BTreeMap<usize, GhostHead>,
     /// Most samples of the PSFs of a band: those that are read again.
     max_samples: u64,
     /// Whether it was begun for a lens without rotational symmetry.
@@ -80,6 +87,7 @@ impl LensPackWriter {
         Ok(Self {
             sink,
             written,
+            ghosts: BTreeMap::new(),
             max_samples: MAX_SAMPLES,
             is_planar: false,
             has_pupils: false,
@@ -210,6 +218,11 @@ impl LensPackWriter {
             self.cones(bands, &cones)?;
             self.json("cones/zarr.json", &group)?;
             extras.push(CONES);
+        }
+        if self.ghost_tables(lens)? {
+            self.json("ghost/zarr.json", &group)?;
+            self.json("ghost/operator/zarr.json", &group)?;
+            extras.push(GHOST);
         }
         if !extras.is_empty() {
             root["attributes"][EXTRAS] = json!(extras);

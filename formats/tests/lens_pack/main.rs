@@ -2,6 +2,7 @@
 
 mod cones;
 mod errors;
+mod ghosts;
 mod planar;
 mod planar_errors;
 mod planar_pupils;

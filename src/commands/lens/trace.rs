@@ -3,6 +3,7 @@
 mod built;
 pub mod depth;
 mod estimate;
+mod ghosts;
 mod sealed;
 mod writer;
 
@@ -46,12 +47,14 @@ const MAX_PSF_MB: f64 = 1000.0;
 pub fn command(args: &TraceArgs) -> Result<()> {
     let start = Instant::now();
     sealed::check(args)?;
+    ghosts::check(args)?;
     let (system, depth) = system(args)?;
     for note in &system.notes {
         log_line(format!("note: {note}"));
     }
     let options = options(args, &system)?;
     if system.asymmetry.is_some() {
+        ghosts::check_symmetric(args)?;
         if args.built.tolerances.is_some() {
             return Err(usage(format!(
                 "--tolerances: expected a design with rotational symmetry, {} has none",
@@ -80,6 +83,7 @@ pub fn command(args: &TraceArgs) -> Result<()> {
         }
         return depth::trace(args, &system, &options, &depth, start);
     }
+    let ghosts = ghosts::asked(args, &options)?;
     let Needed { seconds, psf_mb, text } =
         estimate(&system, &options).with_context(|| format!("tracing {}", args.design))?;
     if seconds > LONG_S {
@@ -107,13 +111,16 @@ pub fn command(args: &TraceArgs) -> Result<()> {
     });
     bar.finish();
     let context = || format!("tracing {}", args.design);
-    let (traced, pack) = result.with_context(context)?;
+    let (traced, mut pack) = result.with_context(context)?;
     let mut lens = traced.with_context(context)?;
     if args.cones {
         for band in &mut lens.bands {
             let cones = image_cones(&system, band.wavelength_nm * 1e-3, options.max_height_mm);
             band.cones = Some(ConeField::Symmetric(cones.with_context(context)?));
         }
+    }
+    if let Some(ghosts) = &ghosts {
+        ghosts::add(&system, &options.wavelengths_nm, ghosts, &mut pack).with_context(context)?;
     }
     let mut attributes = attributes(&args.design, &args.parameters, &options, &reports);
     if let Some(drawn) = drawn {

@@ -20,7 +20,7 @@ const LINES: &[&str] = &[
     "lens show lens --plot=plot --csv=csv --glass-catalog=glass_catalog --coatings=coatings.toml | plot csv",
     "lens psf design out.npy --sections=sections --glass-catalog=glass_catalog --coatings=coatings.toml | out.npy sections",
     "lens diff a b --glass-catalog=glass_catalog |",
-    "lens trace design out --glass-catalog=glass_catalog --coatings=coatings.toml --tolerances=tolerances.toml | out",
+    "lens trace design out --glass-catalog=glass_catalog --coatings=coatings.toml --tolerances=tolerances.toml --sensor-reflectance=sensor_reflectance.csv | out",
     "lens tolerance design tolerances.toml --out=out --glass-catalog=glass_catalog --coatings=coatings.toml | out",
     "lens tolerance design --import-tol --output=output --glass-catalog=glass_catalog | output",
     "lens camera design --film-size=9 --glass-catalog=glass_catalog |",

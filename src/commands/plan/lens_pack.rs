@@ -25,6 +25,11 @@ pub fn write(run: &RunArgs, path: &Path) -> Result<String> {
     let JobLens::Traced(_) = &job.lens else {
         return Err(usage(format!("--lens-pack: `{}` is a lens pack already; omit the flag", run.lens)));
     };
+    if run.veil.ghosts.is_on() && job.lens.lens().depth.is_some() {
+        return Err(usage(
+            "--lens-pack: a pack with depth nodes has no ghosts; leave out --lens-pack or --ghosts on",
+        ));
+    }
     sweep_entries(parent_of(path))?;
     let zip = path.extension().is_some_and(|e| e.eq_ignore_ascii_case("zip"));
     let temp = path.with_file_name(format!("{}{}", temp_name(), if zip { ".zip" } else { "" }));
@@ -52,6 +57,14 @@ fn write_pack(job: &Job, run: &RunArgs, path: &Path) -> Result<String> {
                     pack.psf_of_node(band, node, &job.lens.psf_of_node(band, node)?)?;
                 }
             }
+        }
+    }
+    if let Some(ghosts) = job.layers.iter().find_map(|layer| layer.ghosts()) {
+        for band in 0..lens.bands.len() {
+            let mut of_band = job.plans.iter().filter(|plan| plan.lens_bands.first == band);
+            let plan = of_band.next().context("a band of the lens that no band of the film has")?;
+            let operator = ghosts.operator(plan).map_err(anyhow::Error::from_boxed)?;
+            pack.ghosts(band, &operator, ghosts.film_reflectance(plan)?)?;
         }
     }
     let [errors, compensators] = match job.lens.errors() {

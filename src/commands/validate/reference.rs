@@ -17,6 +17,7 @@ use pipeline::design::ray::Tracer;
 use pipeline::figures::PsfWindow;
 use pipeline::lens::{LensBand, PsfSample, PsfStack, linear, tail};
 use pipeline::measure::expected::Share;
+use std::sync::Arc;
 
 /// Largest difference of wavelengths that count as equal, nm.
 const WAVELENGTH_TOLERANCE_NM: f64 = 1e-6;
@@ -26,7 +27,7 @@ pub const BEYOND_WINDOWS: usize = 3;
 
 /// Lens that films are compared with.
 pub enum ReferenceLens {
-    Pack(Box<LensPack>),
+    Pack(Arc<LensPack>),
     Design(Box<System>),
 }
 

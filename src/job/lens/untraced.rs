@@ -30,7 +30,7 @@ const SHARP_PX: f64 = 0.25;
 /// Lens that `--lens` names, before tracing.
 pub enum UntracedLens {
     /// Tables and PSFs in a file, or built in.
-    Pack(Box<LensPack>),
+    Pack(Arc<LensPack>),
     /// A design.
     Design(Box<UntracedDesign>),
 }
@@ -57,7 +57,7 @@ impl UntracedLens {
     /// Opens a design, a pack, or a built-in lens, for a command without flags of tracing.
     pub fn open(name: &str) -> Result<Self> {
         if !design::is_design(name) {
-            return Ok(Self::Pack(Box::new(open::symmetric_lens(name)?)));
+            return Ok(Self::Pack(Arc::new(open::symmetric_lens(name)?)));
         }
         let opened = Self::open_focused(name, &DepthArgs::default(), &TracingArgs::default())
             .map_err(|e| without_tracing_flags(name, e))?;
@@ -130,7 +130,7 @@ impl UntracedLens {
             let (system, file) = design::focused(name, &tracing.design(&given.gap), given.focus_m)?;
             return Self::of_design(name, system, file, tracing.clone());
         }
-        let pack = Box::new(open::lens(name)?);
+        let pack = Arc::new(open::lens(name)?);
         if let [flags @ .., last] = &tracing.given()[..] {
             let before = if flags.is_empty() { String::new() } else { format!("{} and ", flags.join(", ")) };
             return Err(usage(format!(

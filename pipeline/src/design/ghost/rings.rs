@@ -42,6 +42,16 @@ impl RingSizes {
         Self { ring_mm: corner_mm / rings as f64, rings, source_rings }
     }
 
+    /// Numbers of an operator: orders, rings of the film, rings of the scene.
+    pub fn shape(&self) -> [usize; 3] {
+        [self.orders() + 1, self.rings, self.source_rings]
+    }
+
+    /// Radius of the last ring's outer edge, the film's corner, mm.
+    pub fn corner_mm(&self) -> f64 {
+        self.ring_mm * self.rings as f64
+    }
+
     /// Azimuthal orders above 0: M.
     pub fn orders(&self) -> usize {
         3 * self.rings / 2
@@ -151,7 +161,48 @@ pub(super) fn jackson(orders: usize) -> Vec<f64> {
         .collect()
 }
 
+/// Most light of ghosts of a ring, over that of its image: a uniform scene through uncoated germanium has less.
+const MOST_LIGHT: f64 = 100.0;
+
 impl RingOperator {
+    /// Checks values that were stored: finite, and those of each order at most those of order 0, which are light.
+    ///
+    /// # Errors
+    /// What is wrong.
+    pub fn check(&self) -> Result<(), String> {
+        let RingSizes { rings, source_rings, .. } = self.sizes;
+        let light = &self.values[..rings * source_rings];
+        for (at, v) in self.values.iter().enumerate() {
+            let most = f64::from(light[at % light.len()]);
+            // Rounded to f32.
+            let is_within = f64::from(*v).abs() <= most * (1.0 + 1e-5) + 1e-12;
+            if !is_within {
+                let (order, rest) = (at / light.len(), at % light.len());
+                let (ring, source) = (rest / source_rings, rest % source_rings);
+                return Err(format!(
+                    "{v} at order {order}, ring {ring} of the film and {source} of the scene, expected at most the light of order 0, {most}"
+                ));
+            }
+        }
+        match (0..source_rings).map(|ring| (ring, self.share(ring))).find(|(_, share)| *share > MOST_LIGHT) {
+            Some((ring, share)) => Err(format!(
+                "ghosts of ring {ring} of the scene have {share} times the light of its image, expected at most {MOST_LIGHT}"
+            )),
+            None => Ok(()),
+        }
+    }
+
+    /// (1 − `share`) of this operator and `share` of `next`, of the same sizes.
+    ///
+    /// # Panics
+    /// Other sizes.
+    #[must_use]
+    pub fn towards(&self, next: &Self, share: f64) -> Self {
+        assert_eq!(self.sizes, next.sizes);
+        let mean = |(a, b): (&f32, &f32)| (f64::from(*a) + share * (f64::from(*b) - f64::from(*a))) as f32;
+        Self { sizes: self.sizes, values: self.values.iter().zip(&next.values).map(mean).collect() }
+    }
+
     /// The operator of the columns (order, ring of the film) of each ring of the scene.
     pub(super) fn of_columns(sizes: RingSizes, columns: &[&[f64]]) -> Self {
         let rows = (sizes.orders() + 1) * sizes.rings;

@@ -18,13 +18,14 @@ use pipeline::design::System;
 use pipeline::figures::on_film::BandOnFilm;
 use pipeline::geometry::Frame;
 use pipeline::lens::PsfSample;
+use std::sync::Arc;
 
 /// Share of a design's field within which PSFs lie by default: tracing needs half a window beyond them, where the lens may have no rays.
 const WITHIN_FIELD: f64 = 0.95;
 
 /// A lens before its PSFs are known.
 pub enum PsfLens {
-    Pack(Box<LensPack>),
+    Pack(Arc<LensPack>),
     Design(Box<System>, Option<DesignFile>),
 }
 
@@ -52,7 +53,7 @@ impl PsfLens {
                 "`{name}` has PSFs of several object distances: expected a lens of one; trace its design without --depths-m"
             )));
         }
-        Ok(Self::Pack(Box::new(pack)))
+        Ok(Self::Pack(Arc::new(pack)))
     }
 
     /// The wavelengths `nm`, ascending, as the lens has them; without any its primary one.
