@@ -118,7 +118,7 @@ pub fn identity(args: &RunArgs, lens: &UntracedLens, frame: &Frame) -> Result<Op
             "rings": options.rings,
             "sensor_reflectance": options.film_reflectance.0,
         }),
-        Asked::Pack(_) => json!({ "pack": true }),
+        Asked::Pack(_) => json!("on"),
     }))
 }
 

@@ -174,6 +174,7 @@ fn ghosts_of_a_pack_are_those_of_its_design() {
     let worst = beside().map(|i| (of_design[i] - of_pack[i]).abs()).fold(0.0, f32::max);
     assert!(beside().count() > 4000 && peak > 1e-3 && worst < 0.01 * peak, "{worst} of {peak}");
     assert_exit(&lenscube(&["verify", text(&scene.dir.path().join("pack"))]), 0, &[]);
+    assert_exit(&scene.run("pack", text(&pack), &[]), 3, &["--ghosts (film \"on\", requested nothing)"]);
 
     // Refused, each with its way out.
     for flag in [["--sensor-reflectance", "0.1"], ["--ghost-rings", "32"]] {
