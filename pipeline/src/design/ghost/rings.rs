@@ -373,4 +373,27 @@ mod tests {
         // Its width: cos of an angle of π/M.
         near(g[1], real::cos(PI / 98.0), 1e-12);
     }
+
+    #[test]
+    fn operators_between_two_have_their_weighted_light() {
+        let of = |values: [f32; 2]| {
+            let sizes = RingSizes::new(3.0, 16);
+            let per_order = sizes.rings * sizes.source_rings;
+            let values =
+                (0..sizes.orders() + 1).flat_map(|order| vec![values[order.min(1)]; per_order]).collect();
+            RingOperator { sizes, values }
+        };
+        let (first, next) = (of([4e-4, -2e-4]), of([8e-4, 6e-4]));
+        assert_eq!(first.towards(&next, 0.0), first);
+        assert_eq!(first.towards(&next, 1.0), next);
+        let between = first.towards(&next, 0.25);
+        assert_eq!(between.check(), Ok(()));
+        assert!((between.share(3) - 16.0 * 5e-4).abs() < 1e-9, "{}", between.share(3));
+        assert!((between.values.last().unwrap() - 0.0).abs() < 1e-10);
+        assert_eq!(of([4e-4, 4e-4]).check(), Ok(()));
+        // An order above the light, negative light, no numbers, more light than ghosts have.
+        for wrong in [[4e-4, 5e-4], [-4e-4, 0.0], [4e-4, f32::NAN], [f32::INFINITY, 0.0], [10.0, 0.0]] {
+            assert!(of(wrong).check().is_err(), "{wrong:?}");
+        }
+    }
 }
