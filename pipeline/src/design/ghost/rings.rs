@@ -389,7 +389,7 @@ mod tests {
         let between = first.towards(&next, 0.25);
         assert_eq!(between.check(), Ok(()));
         assert!((between.share(3) - 16.0 * 5e-4).abs() < 1e-9, "{}", between.share(3));
-        assert!((between.values.last().unwrap() - 0.0).abs() < 1e-10);
+        assert!(between.values.last().unwrap().abs() < 1e-10);
         assert_eq!(of([4e-4, 4e-4]).check(), Ok(()));
         // An order above the light, negative light, no numbers, more light than ghosts have.
         for wrong in [[4e-4, 5e-4], [-4e-4, 0.0], [4e-4, f32::NAN], [f32::INFINITY, 0.0], [10.0, 0.0]] {
