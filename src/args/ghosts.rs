@@ -91,13 +91,18 @@ impl GhostArgs {
         }
     }
 
-    /// The flag that is given without ghosts, if one is.
-    pub fn contradiction(&self) -> Option<String> {
+    /// A flag of how ghosts are traced that is given, if one is.
+    pub fn tracing_flag(&self) -> Option<&'static str> {
         let flags = [
             ("--sensor-reflectance", self.sensor_reflectance.is_some()),
             ("--ghost-rings", self.ghost_rings.is_some()),
         ];
-        let given = flags.iter().find(|(_, given)| *given && !self.is_on());
-        given.map(|(flag, _)| format!("{flag} requires --ghosts on"))
+        flags.into_iter().find(|(_, is_given)| *is_given).map(|(flag, _)| flag)
+    }
+
+    /// What is wrong with a flag that is given without ghosts, if one is.
+    pub fn contradiction(&self) -> Option<String> {
+        let flag = self.tracing_flag().filter(|_| !self.is_on())?;
+        Some(format!("{flag} requires --ghosts on"))
     }
 }

@@ -61,13 +61,8 @@ fn of_pack<'l>(args: &RunArgs, pack: &'l Arc<LensPack>) -> Result<Asked<'l>> {
             args.lens
         )));
     }
-    let given = &args.veil.ghosts;
-    let flags = [
-        ("--sensor-reflectance", given.sensor_reflectance.is_some()),
-        ("--ghost-rings", given.ghost_rings.is_some()),
-    ];
-    match flags.iter().find(|(_, given)| *given) {
-        Some((flag, _)) => Err(usage(format!(
+    match args.veil.ghosts.tracing_flag() {
+        Some(flag) => Err(usage(format!(
             "{flag}: the ghosts of lens pack `{}` were traced before; leave it out, or give the flag to `lens trace`",
             args.lens
         ))),

@@ -86,11 +86,7 @@ pub fn command(args: &TraceArgs) -> Result<()> {
     let ghosts = ghosts::asked(args, &options)?;
     let Needed { seconds, psf_mb, text } =
         estimate(&system, &options).with_context(|| format!("tracing {}", args.design))?;
-    if seconds > LONG_S {
-        log_line(text)
-    } else {
-        detail_line(text)
-    }
+    log_needed(seconds, text);
     let stored = sealed::stored(args, default_store(psf_mb));
     if args.store.is_none() && stored == Store::Pupils {
         log_line(pupils_note(psf_mb));
@@ -134,6 +130,11 @@ pub fn command(args: &TraceArgs) -> Result<()> {
         log_line(line);
     }
     Ok(())
+}
+
+/// Prints what a trace of `seconds` needs: under `--verbose` unless it is long.
+fn log_needed(seconds: f64, text: String) {
+    if seconds > LONG_S { log_line(text) } else { detail_line(text) }
 }
 
 /// What a pack has by default if its PSFs would have `psf_mb` MB uncompressed.

@@ -1,13 +1,13 @@
 //! `lenscube lens trace --depths-m`: a pack with depth nodes.
 
-use super::{LONG_S, bytes_of, create_pack, sealed};
+use super::{bytes_of, create_pack, log_needed, sealed};
 use crate::args::TraceArgs;
 use crate::failure::usage;
 use crate::job::lens::attributes::attributes;
 use crate::job::lens::depth_nodes::needed;
 use crate::job::lens::energy::{MissedEnergy, percent};
 use crate::progress::short_number;
-use crate::progress::{TracingBar, detail_line, log_line, number, plural};
+use crate::progress::{TracingBar, log_line, number, plural};
 use anyhow::{Context, Result};
 use formats::lens::LensPackWriter;
 use pipeline::design::System;
@@ -135,10 +135,6 @@ fn announce(args: &TraceArgs, system: &System, options: &TraceOptions, depth: &D
             gb.ceil()
         )));
     }
-    if seconds > LONG_S {
-        log_line(text)
-    } else {
-        detail_line(text)
-    }
+    log_needed(seconds, text);
     Ok(())
 }

@@ -1,10 +1,10 @@
 //! `lens trace --ghosts on`: the operators of ghosts in a pack.
 
-use super::LONG_S;
+use super::log_needed;
 use crate::args::TraceArgs;
 use crate::failure::usage;
 use crate::job::ghosts::{check_coatings, note_left_out, options, small_ghosts};
-use crate::progress::{detail_line, log_line};
+use crate::progress::log_line;
 use anyhow::Result;
 use formats::lens::LensPackWriter;
 use pipeline::design::System;
@@ -75,12 +75,7 @@ pub fn add(
 ) -> Result<()> {
     note_left_out(system, options);
     let seconds = ghost_seconds(system, options, wavelengths_nm);
-    let text = format!("tracing the ghosts: about {seconds:.0} core seconds");
-    if seconds > LONG_S {
-        log_line(text)
-    } else {
-        detail_line(text)
-    }
+    log_needed(seconds, format!("tracing the ghosts: about {seconds:.0} core seconds"));
     let mut band = 0;
     // Bands that share their rays.
     for group in wavelengths_nm.chunk_by(|a, b| geometry_nm(*a) == geometry_nm(*b)) {
