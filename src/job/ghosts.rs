@@ -1,20 +1,19 @@
 //! Ghosts of a job: the operators of its bands, those of the lens pack or of its design.
 
+mod notes;
 mod traced;
 
 use crate::args::{CoatingsArg, GHOST_RINGS, GhostArgs, RunArgs};
 use crate::design;
 use crate::failure::usage;
 use crate::job::lens::UntracedLens;
-use crate::progress::log_line;
 use anyhow::Result;
 use formats::lens::{LensPack, LensPackError, PackGhosts};
+pub use notes::{note_left_out, path_name, small_ghosts};
 use pipeline::band::BandPlan;
-use pipeline::design::ghost::GhostPath;
 use pipeline::design::ghost::estimate::{ghost_memory_bytes, ghost_seconds};
 use pipeline::design::ghost::operator::GHOSTS_VERSION;
 use pipeline::design::ghost::options::GhostOptions;
-use pipeline::design::ghost::path::ghost_paths;
 use pipeline::design::ghost::rings::RingOperator;
 use pipeline::design::{DesignError, System};
 use pipeline::flow::SourceSinkError;
@@ -22,7 +21,6 @@ use pipeline::geometry::{Frame, Rect};
 use serde_json::{Value, json};
 use std::sync::Arc;
 use traced::TracedGhosts;
-pub use traced::small_ghosts;
 
 /// Ghosts of a lens on the film of a job.
 pub enum JobGhosts {
@@ -94,14 +92,6 @@ pub fn options(given: &GhostArgs, corner_mm: f64) -> Result<GhostOptions> {
         rings: given.ghost_rings.unwrap_or(GHOST_RINGS),
         film_reflectance: film_reflectance.unwrap_or_default(),
     })
-}
-
-/// Prints how many ghosts of `system` are left out, if any.
-pub fn note_left_out(system: &System, options: &GhostOptions) {
-    let (_, left_out) = ghost_paths(system, !options.film_reflectance.is_zero());
-    if left_out > 0 {
-        log_line(format!("note: {left_out} ghosts between whose reflections a mirror lies are left out"));
-    }
 }
 
 /// What ghosts add to the identity of a job: the design with its clear radii, which the tables of the lens do not hold. Those of a pack belong to its digest.
@@ -214,10 +204,4 @@ impl JobGhosts {
             Some((second, share)) => Ok(first.towards(&of_band(second)?, share)),
         }
     }
-}
-
-/// `11-9`, the film by name.
-pub fn path_name(path: GhostPath, film: usize) -> String {
-    let surface = |k: usize| if k == film { "film".to_owned() } else { (k + 1).to_string() };
-    format!("{}-{}", surface(path.first), surface(path.second))
 }

@@ -1,21 +1,16 @@
 //! Ghosts of a design: operators traced when the first layer needs one, and stored in the cache.
 
-use super::path_name;
+use super::notes::small_ghosts;
 use crate::job::lens::cache::Cache;
 use crate::job::lens::cache::operators::{CachedGhosts, ghosts_recipe};
-use crate::progress::{log_line, number};
+use crate::progress::log_line;
 use pipeline::design::ghost::geometry_nm;
-use pipeline::design::ghost::operator::{BandGhosts, trace_ghosts};
+use pipeline::design::ghost::operator::trace_ghosts;
 use pipeline::design::ghost::options::GhostOptions;
 use pipeline::design::ghost::rings::{RingOperator, RingSizes};
 use pipeline::design::trace::with_threads;
 use pipeline::design::{DesignError, System};
 use std::sync::{Mutex, OnceLock};
-
-/// Rings below which the disc of a ghost is blurred.
-const SHARP_RINGS: f64 = 2.0;
-/// Least share of all ghosts that such a ghost has to be worth a note.
-const NOTED: f64 = 0.01;
 
 /// Ghosts of a design.
 pub struct TracedGhosts {
@@ -103,25 +98,4 @@ impl TracedGhosts {
         }
         Ok(traced)
     }
-}
-
-/// Notes of the ghosts of a band that the rings blur.
-pub fn small_ghosts(system: &System, band: &BandGhosts) -> Vec<String> {
-    let all: f64 = band.paths.iter().map(|p| p.axis.share).sum();
-    let sizes = band.operator.sizes;
-    let mut notes = Vec::new();
-    for path in &band.paths {
-        let diameter_mm = path.axis.diameter_mm();
-        let rings = diameter_mm / sizes.ring_mm;
-        if rings >= SHARP_RINGS || path.axis.share <= NOTED * all {
-            continue;
-        }
-        let [axis, half] = path.understated(sizes);
-        notes.push(format!(
-            "note: ghost {} at {} nm: {diameter_mm:.2} mm on the axis, {rings:.1} rings: of a lamp smaller than a ring its peak is understated {axis:.1} x there, up to {half:.1} x at half field; --ghost-rings makes rings finer",
-            path_name(path.path, system.image()),
-            number(band.wavelength_nm),
-        ));
-    }
-    notes
 }
