@@ -5,7 +5,7 @@
 
 use super::OUT_MARGIN;
 use super::harmonics;
-use super::levels::out_size;
+use super::levels::{out_size, part};
 use super::plan::TailPlan;
 use super::weights::{BlockWeights, image_size};
 use crate::buffer::AlignedBuf;
@@ -113,6 +113,8 @@ impl<V: Lanes> Engine<V> {
                     Rect::new(top as i64, 0, height, columns).tiles(self.blocks.block, self.blocks.block)
                 {
                     let (x, size) = (block.x as usize, image_size(height, block.width));
+                    // Nothing of the block before: a dark block is left out.
+                    image.clear();
                     image.resize(size.values(), 0.0);
                     let lines = light.chunks_exact(columns).skip(top);
                     for (to, line) in image.chunks_exact_mut(size.stride).zip(lines) {
@@ -133,13 +135,8 @@ impl<V: Lanes> Engine<V> {
         let Ok(()) = done;
         // The first value is `half` bins before the first bin of the grid.
         let first = half + bins.margin - OUT_MARGIN;
-        let Size { height: out_rows, width: out_columns } = out_size(&bins);
         let sum = sum.into_inner().expect("no panic while held");
-        let mut out = Vec::with_capacity(out_rows * out_columns);
-        for line in sum.chunks_exact(stride).skip(first).take(out_rows) {
-            out.extend_from_slice(&line[first..first + out_columns]);
-        }
-        out
+        part((&sum, stride), first, out_size(&bins))
     }
 }
 

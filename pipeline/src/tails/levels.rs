@@ -150,10 +150,15 @@ fn add_interpolated(coarse_bins: &BinGrid, coarse: &[f32], fine_bins: &BinGrid, 
 
 /// A result with a smaller margin.
 fn cropped(bins: &BinGrid, values: &[f32], margin: usize) -> Vec<f32> {
-    let (Size { height: rows, width: columns }, off) = (out_size(bins), OUT_MARGIN - margin);
-    let mut out = Vec::with_capacity((rows - 2 * off) * (columns - 2 * off));
-    for line in values.chunks_exact(columns).skip(off).take(rows - 2 * off) {
-        out.extend_from_slice(&line[off..columns - off]);
+    let (Size { height, width }, off) = (out_size(bins), OUT_MARGIN - margin);
+    part((values, width), off, Size::new(height - 2 * off, width - 2 * off))
+}
+
+/// The rectangle of `size` from row and column `first` on of `values`, which have `stride` to a row.
+pub(super) fn part((values, stride): (&[f32], usize), first: usize, size: Size) -> Vec<f32> {
+    let mut out = Vec::with_capacity(size.pixels());
+    for line in values.chunks_exact(stride).skip(first).take(size.height) {
+        out.extend_from_slice(&line[first..first + size.width]);
     }
     out
 }
