@@ -23,10 +23,12 @@ mod tracing_job;
 mod untraced;
 
 use crate::design::DesignFile;
+use crate::progress::interrupt::Unchecked;
 use anyhow::{Context, Result};
 use asymmetric::AsymmetricLens;
 use drawn::DrawnLens;
 pub use estimate::estimated;
+use formats::durable::fault_point;
 use formats::lens::{LensPack, LensPackError};
 use pipeline::band::{LensBands, Options};
 use pipeline::geometry::Frame;
@@ -83,7 +85,11 @@ impl JobLens {
                 {
                     return Ok(Self::Traced(lens));
                 }
-                let traced = self::tracing::trace(&job, wavelengths_nm, threads);
+                let traced = {
+                    let _unchecked = Unchecked::begin();
+                    fault_point("tracing");
+                    self::tracing::trace(&job, wavelengths_nm, threads)
+                };
                 let traced = traced.with_context(|| format!("tracing {name}"));
                 let traced = match &tracing {
                     Some(_) => traced?,

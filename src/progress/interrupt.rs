@@ -1,15 +1,17 @@
-//! Ctrl-C and SIGTERM: the first signal stops the run after the tiles in flight, the second at once. Either way shards are complete or
-//! absent.
+//! Ctrl-C and SIGTERM: the first signal stops the run after the tiles in flight, the second at once; while a lens is traced, the first one ([`Unchecked`]). Either way
+//! shards are complete or absent.
 
 use crate::failure::code;
 use crate::progress::log_line;
 use formats::durable::{Lock, fault_signal_handled};
 use std::path::{Path, PathBuf};
 use std::sync::Mutex;
-use std::sync::atomic::{AtomicBool, Ordering};
+use std::sync::atomic::{AtomicBool, AtomicUsize, Ordering};
 
 /// A computation is running that checks [`CANCEL`].
 static RUNNING: AtomicBool = AtomicBool::new(false);
+/// Parts of the program in progress that do not check [`CANCEL`].
+static UNCHECKED: AtomicUsize = AtomicUsize::new(0);
 /// Set by the first signal.
 static CANCEL: AtomicBool = AtomicBool::new(false);
 /// Message about the output when the process is stopped at once.
@@ -40,13 +42,38 @@ pub fn cancel_flag_of_removable_output() -> &'static AtomicBool {
     cancel_flag()
 }
 
+/// Work that does not check the flag, and follows work that does: while this exists the first signal stops the process at once.
+pub struct Unchecked(());
+
+impl Unchecked {
+    /// From now on. After a signal the process stops.
+    pub fn begin() -> Self {
+        UNCHECKED.fetch_add(1, Ordering::SeqCst);
+        if CANCEL.load(Ordering::SeqCst) {
+            stop();
+        }
+        Self(())
+    }
+}
+
+impl Drop for Unchecked {
+    fn drop(&mut self) {
+        UNCHECKED.fetch_sub(1, Ordering::SeqCst);
+    }
+}
+
 fn signal() {
     let again = CANCEL.swap(true, Ordering::SeqCst);
-    if RUNNING.load(Ordering::SeqCst) && !again {
+    if RUNNING.load(Ordering::SeqCst) && UNCHECKED.load(Ordering::SeqCst) == 0 && !again {
         log_line("stopping after the tiles in progress; press Ctrl-C again to stop at once");
         fault_signal_handled();
         return;
     }
+    stop();
+}
+
+/// Stops the process.
+fn stop() -> ! {
     if let Some(path) = LOCK.lock().expect("no panic while held").as_deref() {
         Lock::release(path);
     }

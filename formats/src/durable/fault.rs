@@ -11,7 +11,7 @@
 //!
 //! STEP may also be a named point of the program ([`point`]), at which `stop` suspends the process until SIGCONT, `kill` ends it, and
 //! `interrupt` and `terminate` are as above.
-//! `any` does not include them. Points: `film-opened`, `job-ready` (chart opened, lens traced), `locked`, `tiles-begin`, `commit`
+//! `any` does not include them. Points: `film-opened`, `tracing` (before a lens is traced), `job-ready` (chart opened, lens traced), `locked`, `tiles-begin`, `commit`
 //! (before the film's identity is checked), `commit-checked` (after that, before the write), `batch-staged` (before the files of a batch
 //! are flushed), `batch-flushed` (before they have their names), `film-removed` (`--overwrite`,
 //! before the new film is created), `layer-made` and `layer-committed` (a layer of light of a band), `shards-made` (before the end of the run is reported), `verified`, `shard-aside`
