@@ -75,7 +75,9 @@ pub use report::{Corners, ReportArgs};
 pub use restore::{RestoreArgs, RestoreMethod};
 pub use run::{FilmUnits, ProcessArgs, RunArgs};
 #[cfg(feature = "mesh")]
-pub use scene::{BackgroundArg, LightsArg, MeshUnit, MissingTextures, ReachArg, SolidsArg, UpAxisArg};
+pub use scene::{
+    BackgroundArg, LightsArg, MeshUnit, MissingTextures, ProjectionArg, ReachArg, SolidsArg, UpAxisArg,
+};
 pub use scene::{LookArgs, MeshArgs, SceneArgs};
 pub use sensor::{ExposeArgs, SensorArgs, SensorCommand, SensorShowArgs, SensorValidateArgs, SizeArg};
 pub use shoot::ShootArgs;

@@ -9,7 +9,7 @@
 //! | `object` | (y, x) u32 | optional: number of the object that is seen first + 1; 0 where there is none |
 //! | `hidden/1/weights`, `hidden/1/depth`, `hidden/1/coverage`, … | the same | the surfaces behind, the nearest first |
 //!
-//! Coordinates `basis` (its number), `y` and `x` (mm on the ideal image plane). Shards of 512 × 2048 px, chunks of 512, blosc zstd 1 with byte shuffle
+//! Coordinates `basis` (its number), `y` and `x` (mm on the ideal image plane, or with the attribute `film_projection` where the lens puts each direction on the film, [`pipeline::projection`]). Shards of 512 × 2048 px, chunks of 512, blosc zstd 1 with byte shuffle
 //! and crc32c. The fill value is 0, of the first coverage 1; chunks of it are left out of their shard, whose file is always there: present means done.
 //! A distance of [`FAR_M`] is infinity. Attributes `bases`, `illuminant` and `illuminance_lx` ([`SceneLight`]) give the spectra S_b; `focal_mm` is the distortion focal length of the lens. Creation, locks,
 //! replacement: [`crate::group`].

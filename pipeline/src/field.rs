@@ -6,14 +6,17 @@
 //! R(r)   irradiance there over irradiance on the axis, from the lens's table, not cos⁴; R belongs to the field point and includes
 //!        the change of area by distortion
 //! ```
-//! Both are linear between the dense field points of the tables (error ≤ max|f″|·Δr²/8, 1e-4 px by the accuracy required of lens packs), in f64.
+//! On a chart in the projection of the film ([`crate::projection`]) h is the height there of the ideal height. Both are linear between the dense field points of the tables (error ≤ max|f″|·Δr²/8, 1e-4 px by the accuracy required of lens packs), in f64.
 //! Beyond the last point the band plan reports an error or, with [`Outside::Clamp`], h/r and R of the last point are used.
 //! A centred lens has no dependence on azimuth; lenses without rotational symmetry: [`planar`].
 #![allow(clippy::needless_range_loop, reason = "lanes of several arrays at once")]
 
 pub mod planar;
 
+use crate::geometry::Frame;
 use crate::lens::{LensBand, LensError};
+use crate::projection::Projection;
+use std::borrow::Cow;
 
 /// Treatment of a film that extends beyond the lens's tables.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -89,8 +92,29 @@ impl Field {
     /// The tables of `band` on a film of `pitch_mm`. Without `distortion` h = r; without `illumination` R = 1; `gain`
     /// multiplies R (film units).
     pub fn new(band: &LensBand, pitch_mm: f64, distortion: bool, illumination: bool, gain: f64) -> Self {
-        let real = &band.image_height_mm;
-        let ideal = if distortion { &band.ideal_height_mm } else { real };
+        Self::of_heights(band, &band.ideal_height_mm, pitch_mm, distortion, illumination, gain)
+    }
+
+    /// As [`Field::new`] on the film of `frame`, with h the height on the plane of its chart.
+    pub fn on_chart(band: &LensBand, frame: &Frame, distortion: bool, illumination: bool, gain: f64) -> Self {
+        let ideal = &band.ideal_height_mm;
+        let on_chart = match frame.projection {
+            Projection::Planar => Cow::Borrowed(&ideal[..]),
+            Projection::Film(_) => ideal.iter().map(|h| frame.projection.chart_mm(*h)).collect(),
+        };
+        Self::of_heights(band, &on_chart, frame.pitch_mm(), distortion, illumination, gain)
+    }
+
+    fn of_heights(
+        band: &LensBand,
+        on_chart: &[f64],
+        pitch_mm: f64,
+        distortion: bool,
+        illumination: bool,
+        gain: f64,
+    ) -> Self {
+        let real = &band.image_height_mm[..];
+        let ideal = if distortion { on_chart } else { real };
         let ri = &band.relative_illumination;
         let step = |i: usize| {
             let slope = |t: &[f64]| (t[i + 1] - t[i]) / (real[i + 1] - real[i]);

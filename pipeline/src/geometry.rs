@@ -7,8 +7,10 @@
 //! azimuth θ = atan2(Y, X):  0 on +x, 90° DOWN,
 //! ```
 //! where (cy, cx) is the optical axis in film pixels, by default the middle ((H−1)/2, (W−1)/2). The chart lies on the
-//! IDEAL (undistorted) image plane: one chart pixel covers `scale` film pixels, and the chart's centre lies `center_mm` from the axis.
+//! IDEAL (undistorted) image plane, or, of a scene made so, where the lens puts each direction on the film ([`Projection`]): one chart pixel covers `scale` film
+//! pixels, and the chart's centre lies `center_mm` from the axis.
 
+use crate::projection::Projection;
 use crate::real;
 
 /// Height and width of an image in pixels.
@@ -159,8 +161,10 @@ pub struct Frame {
     pub chart: Size,
     /// Film pixels per chart pixel, (y, x).
     pub scale: (f64, f64),
-    /// Chart centre (Y, X) on the ideal image plane, in mm from the axis.
+    /// Chart centre (Y, X) on the chart's plane, in mm from the axis.
     pub center_mm: (f64, f64),
+    /// The chart's plane.
+    pub projection: Projection,
 }
 
 impl Frame {
@@ -173,6 +177,7 @@ impl Frame {
             chart,
             scale: (1.0, 1.0),
             center_mm: (0.0, 0.0),
+            projection: Projection::Planar,
         }
     }
 

@@ -38,7 +38,7 @@
 //! figures, PSF, tables); lens files are read by the package `formats`. [`chart`] draws test charts
 //! ([`colour`], [`reflectance`], [`wavelengths`]); [`measure`] measures edges, points and profiles; [`figures`] summarises a lens;
 //! [`camera_model`] fits the camera models of other programs to its distortion;
-//! [`tiling`] divides film and bands into tiles and shards, [`buffer`] holds the light of a tile, [`geometry`] has rectangles and the film frame, [`options`] what a job asks of
+//! [`tiling`] divides film and bands into tiles and shards, [`buffer`] holds the light of a tile, [`geometry`] has rectangles and the film frame, [`projection`] the planes of charts, [`options`] what a job asks of
 //! the physics. [`bounds`] has the bounds of all input numbers; [`clock`] counts the time of each stage; [`simd`] selects an instruction set; [`real`] has
 //! functions whose bits do not depend on the host; [`cuda`] opens GPUs and holds their memory; [`mod@bench`] holds the baselines of benchmarks.
 //!
@@ -108,6 +108,7 @@ pub mod lru;
 pub mod measure;
 pub mod options;
 mod parts;
+pub mod projection;
 pub mod psf;
 pub mod real;
 pub mod reduced_chart;

@@ -161,7 +161,7 @@ impl Remap {
             let field = PlanarField::new(&planar.map, frame.pitch_mm(), distortion, illumination, gain);
             return Self { frame: *frame, band_map: BandMap::Planar(field), interpolation, simd };
         }
-        let field = Field::new(band, frame.pitch_mm(), distortion, illumination, gain);
+        let field = Field::on_chart(band, frame, distortion, illumination, gain);
         let band_map = BandMap::Radial {
             #[cfg(target_arch = "x86_64")]
             knots: Knots::new(&field),

@@ -5,7 +5,7 @@
 //! |---|---|
 //! | what a file describes | [`description`] |
 //! | spectra, weights of a surface's light | [`weights`] |
-//! | chart pixel to direction, places of the samples | [`frame`] |
+//! | chart pixel to direction, places of the samples | [`frame`], [`film_directions`] |
 //! | camera | [`pose`] |
 //! | triangles in the camera frame, closed components | [`mesh`] |
 //! | all hits of each sample, and which are surfaces | [`visibility`] |
@@ -23,6 +23,8 @@
 #[cfg(feature = "mesh")]
 pub mod appearance;
 pub mod description;
+#[cfg(feature = "mesh")]
+pub mod film_directions;
 #[cfg(feature = "mesh")]
 pub mod frame;
 #[cfg(feature = "mesh")]

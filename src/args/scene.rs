@@ -102,6 +102,10 @@ pub struct ViewpointArgs {
     /// Axis of the file that points up, of OBJ and PLY [default: y]
     #[arg(long, value_parser = one_of(UP_AXIS))]
     pub up_axis: Option<UpAxisArg>,
+    /// Plane of the chart: the ideal image plane, or where the lens puts each direction on the film at its primary wavelength, as large as the film, for
+    /// fisheyes [default: planar, an error where distortion makes it 4 times the film]
+    #[arg(long, value_parser = one_of(PROJECTION))]
+    pub projection: Option<ProjectionArg>,
     /// Surfaces nearer than this, m, are cut away [default: an error from 1 % of the picture on, if nearer than ten focal lengths]
     #[arg(long, allow_negative_numbers = true, value_name = "M", value_parser = positive)]
     pub near_m: Option<f64>,
@@ -275,6 +279,18 @@ const UP_AXIS: Choices<UpAxisArg> = &[("y", "", UpAxisArg::Y), ("z", "", UpAxisA
 pub enum UpAxisArg {
     Y,
     Z,
+}
+
+const PROJECTION: Choices<ProjectionArg> =
+    &[("planar", "", ProjectionArg::Planar), ("film", "", ProjectionArg::Film)];
+
+/// `--projection`.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum ProjectionArg {
+    /// The ideal image plane.
+    Planar,
+    /// The film at the primary wavelength.
+    Film,
 }
 
 const SOLIDS: Choices<SolidsArg> = &[("auto", "", SolidsArg::Auto), ("none", "", SolidsArg::None)];

@@ -4,6 +4,7 @@
 //! files, its camera; memory; by a coarse picture whether the camera stands inside something, and how near surfaces are; materials and lights; the size of the
 //! chart; the disk; the scene of another job. Then the scene is created or resumed, and its missing shards are made.
 
+mod chart_frame;
 mod done;
 mod illuminant;
 mod job;

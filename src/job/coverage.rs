@@ -1,6 +1,6 @@
 //! How much of the lens's field and of the film the chart covers.
 //!
-//! The chart lies on the ideal image plane: a chart pixel is scale · film pitch wide, an angle α off the axis lands at f·tan α, f being the
+//! The chart lies on the ideal image plane, or a scene in the projection of the film: a chart pixel is scale · film pitch wide, an angle α off the axis lands at f·tan α, f being the
 //! distortion focal length. The share of the field is the height of the chart's farthest corner over that of the lens's outermost field
 //! point. A film pixel at the REAL height r shows the chart at r's ideal height (first band), or at r without the
 //! stage distortion.
@@ -42,13 +42,14 @@ impl Coverage {
         );
         let lens = plan.lens.lens();
         let angle = |size: f64, centre: f64| {
-            let to_degrees = |mm: f64| (mm / lens.distortion_focal_length_mm.abs()).atan().to_degrees();
+            let focal_mm = lens.distortion_focal_length_mm.abs();
+            let to_degrees = |mm: f64| frame.projection.angle_rad(mm, focal_mm).to_degrees();
             to_degrees(centre + size / 2.0) - to_degrees(centre - size / 2.0)
         };
         let (cy, cx) = frame.center_mm;
         let regions: Vec<Rect> = plan.regions.iter().map(|r| r.rect).collect();
         let band = plan.bands.first().map(|b| &b.lens).filter(|_| args.stages.contains(&Stage::Distortion));
-        let corner_mm = (cx.abs() + mm.0 / 2.0).hypot(cy.abs() + mm.1 / 2.0);
+        let corner_mm = frame.projection.ideal_mm((cx.abs() + mm.0 / 2.0).hypot(cy.abs() + mm.1 / 2.0));
         Self {
             chart: frame.chart,
             mm,
@@ -84,7 +85,7 @@ fn share_beyond(frame: &Frame, regions: &[Rect], band: Option<&LensBand>) -> f64
     let is_beyond = |y_px: f64, x_px: f64| {
         let (y, x) =
             ((y_px - frame.axis_px.0) * frame.pitch_mm(), (x_px - frame.axis_px.1) * frame.pitch_mm());
-        let [x, y] = band.map_or([x, y], |b| b.ideal_point_at([x, y]));
+        let [x, y] = band.map_or([x, y], |b| frame.projection.point_mm(b.ideal_point_at([x, y])));
         (y - frame.center_mm.0).abs() > half_height || (x - frame.center_mm.1).abs() > half_width
     };
     let area: f64 = regions.iter().map(|r| r.size().pixels() as f64).sum();

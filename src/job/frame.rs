@@ -108,7 +108,8 @@ pub fn frame(args: &PlacementArgs, named: Named<'_>) -> Result<Frame> {
         .unwrap_or(Size::new(scaled(size.height, scale.0), scaled(size.width, scale.1)));
     bounds::film_size(film)
         .map_err(|e| usage(format!("{e}; give its size, e.g. `--film-size 2000x3000`")))?;
-    let mut frame = Frame { scale, ..Frame::centred(film, size, pitch_um) };
+    let projection = chart.projection();
+    let mut frame = Frame { scale, projection, ..Frame::centred(film, size, pitch_um) };
     if let Some((x, y)) = args.axis {
         frame.axis_px = (y, x);
     }

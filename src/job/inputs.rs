@@ -15,6 +15,7 @@ use crate::progress::log_line;
 use anyhow::Result;
 use formats::chart::{NanPolicy, SceneChart};
 use pipeline::geometry::Frame;
+use pipeline::projection::Projection;
 use serde_json::Value;
 use std::path::Path;
 use std::sync::{Arc, Once};
@@ -128,7 +129,7 @@ impl Inputs {
         let lens = lens.with_bands_of(&all_nm, !surfaces.is_empty())?;
         let nodes = lens.depth_nodes(&args.lens, !surfaces.is_empty())?;
         if let Chart::Scene(scene) = &chart {
-            check_scene(args, scene, lens.focal_mm_and_blur_um()?.0, &frame)?;
+            check_scene(args, scene, &lens, &frame)?;
         }
         let (depth, depth_notes) = match surfaces.is_empty() {
             true => (None, Vec::new()),
@@ -198,7 +199,8 @@ pub fn chosen_bands(text: &str, nm: &[f64]) -> Result<Vec<usize>> {
 }
 
 /// Fails if `scene` was made for a lens of another focal length, in focus, or for another film.
-fn check_scene(args: &RunArgs, scene: &SceneChart, focal_mm: f64, frame: &Frame) -> Result<()> {
+fn check_scene(args: &RunArgs, scene: &SceneChart, lens: &UntracedLens, frame: &Frame) -> Result<()> {
+    let focal_mm = lens.focal_mm_and_blur_um()?.0;
     let other = |what: String| {
         Err(usage(format!(
             "scene `{}` was made for {what}: give --lens, --focus-m, --gap, --film-size and --film-pitch-um as to `lenscube scene`, or make the scene again",
@@ -209,6 +211,12 @@ fn check_scene(args: &RunArgs, scene: &SceneChart, focal_mm: f64, frame: &Frame)
     if differs(scene.focal_mm(), focal_mm) {
         let (was, lens) = (scene.focal_mm(), &args.lens);
         return other(format!("a lens of f_D = {was:.6} mm, `{lens}` in focus has {focal_mm:.6} mm"));
+    }
+    if scene.projection() != Projection::Planar && !lens.is_symmetric() {
+        return Err(usage(format!(
+            "scene `{}` is in the projection of the film: expected a lens with rotational symmetry, `{}` has none; make the scene with --projection planar",
+            args.chart, args.lens
+        )));
     }
     if frame.scale != (1.0, 1.0) || frame.center_mm != (0.0, 0.0) {
         return Err(usage(format!(

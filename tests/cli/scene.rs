@@ -1,5 +1,7 @@
 //! Scenes of meshes: values, bytes for any threads and memory, kills, refusals, the film of a scene.
 
+mod projection;
+
 use crate::common::{CommandResult, assert_error_line, assert_exit, bits, files, lenscube, pixels, text};
 use pipeline::colour::Illuminant;
 use std::fmt::Write;
@@ -11,6 +13,7 @@ const USAGE: i32 = 2;
 const OTHER_JOB: i32 = 3;
 const WRONG: i32 = 4;
 const RETRY: i32 = 75;
+const INTERRUPTED: i32 = 130;
 
 /// A mesh as an OBJ file, in metres, before a camera at the origin that looks along −z.
 #[derive(Default)]
@@ -409,6 +412,28 @@ fn a_film_is_made_of_a_mesh_in_one_command() {
     let planned =
         lenscube(&["plan", text(&mesh), text(&place.at("p.zarr")), "-o", text(&place.at("job.json"))]);
     assert_error_line(&planned, USAGE, &["is a mesh", "lenscube scene"]);
+}
+
+/// A signal while the lens is traced, after the scene, ends the command at once.
+#[test]
+fn a_signal_while_the_lens_is_traced_ends_the_command() {
+    let place = Place::new();
+    let (mesh, film) = (place.mesh(), place.at("film.zarr"));
+    let run = |fault: &str| {
+        let mut command = Command::new(env!("CARGO_BIN_EXE_lenscube"));
+        let flags = ["60x40", "--wavelengths", "551.5", "--tails", "off"];
+        command.args(["run", text(&mesh), text(&film)]).args(VIEW).args(flags);
+        command.env("XDG_CACHE_HOME", place.at("cache")).env("LENSCUBE_FAULT", fault);
+        CommandResult::new(&command.output().unwrap())
+    };
+    for signal in ["terminate", "interrupt"] {
+        let stopped = run(&format!("tracing:1:{signal}"));
+        assert_exit(&stopped, INTERRUPTED, &["stopped; the same command resumes"]);
+        assert!(!stopped.stderr.contains("after the tiles in progress"), "{}", stopped.stderr);
+        assert!(!film.exists() && place.at("film.zarr.scene").exists());
+    }
+    run("").ok();
+    assert!(film.exists() && !place.at("film.zarr.scene").exists());
 }
 
 /// A film is of the scene that it was made of: another light, or an edited mesh, is another job.

@@ -10,6 +10,7 @@ use std::path::Path;
 
 use pipeline::flow::{ChartSource, SourceSinkError};
 use pipeline::geometry::{Rect, Size};
+use pipeline::projection::Projection;
 use pipeline::scene::weights::{Spectra, spectra};
 use serde_json::{Value, json};
 
@@ -39,6 +40,7 @@ pub struct SceneChart {
     film_size: Option<Size>,
     pitch_um: f64,
     focal_mm: f64,
+    projection: Projection,
     sheets: usize,
     /// Digest of all that determined its numbers.
     job_digest: String,
@@ -141,7 +143,7 @@ impl SceneChart {
         }
         let radiance = radiance.into_iter().map(|s| s.into_iter().map(|v| v as f32).collect()).collect();
         let film_size = weights.film_size();
-        let pitch_um = store.spec().pitch_um;
+        let (pitch_um, projection) = (store.spec().pitch_um, store.spec().projection);
         Ok(Self {
             weights,
             light,
@@ -150,6 +152,7 @@ impl SceneChart {
             film_size,
             pitch_um,
             focal_mm,
+            projection,
             sheets,
             job_digest,
             colour_error,
@@ -194,6 +197,11 @@ impl SceneChart {
     /// Distortion focal length of the lens that it was made for, mm.
     pub fn focal_mm(&self) -> f64 {
         self.focal_mm
+    }
+
+    /// The plane of its chart.
+    pub fn projection(&self) -> Projection {
+        self.projection
     }
 
     /// Pixel pitch in µm.

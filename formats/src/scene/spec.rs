@@ -2,6 +2,7 @@
 
 use pipeline::bounds::{self, Bound};
 use pipeline::geometry::{Rect, Size};
+use pipeline::projection::{FilmProjection, Projection};
 use pipeline::tiling::FilmRegion;
 use serde_json::{Map, Value, json};
 
@@ -89,7 +90,12 @@ pub struct SceneSpec {
     pub half: bool,
     /// Whether there are numbers of objects.
     pub ids: bool,
+    /// The plane of the chart.
+    pub projection: Projection,
 }
+
+/// Attribute of a projection of the film.
+const FILM_PROJECTION: &str = "film_projection";
 
 impl SceneSpec {
     /// Rows and columns of a shard, and the side of a chunk.
@@ -159,8 +165,11 @@ impl SceneSpec {
         };
         let numbers: Vec<f64> = (0..self.bases).map(|b| b as f64).collect();
         let (down, across) = (mm(self.size.height, self.centre_mm.0), mm(self.size.width, self.centre_mm.1));
-        let on_plane =
-            |direction: &str| format!("distance {direction} the optical axis on the ideal image plane");
+        let plane = match self.projection {
+            Projection::Planar => "the ideal image plane",
+            Projection::Film(_) => "the film at the primary wavelength",
+        };
+        let on_plane = |direction: &str| format!("distance {direction} the optical axis on {plane}");
         vec![
             (
                 "basis".to_owned(),
@@ -253,6 +262,9 @@ impl SceneSpec {
                 all["layout"][key] = true.into();
             }
         }
+        if let Projection::Film(film) = self.projection {
+            all.insert(FILM_PROJECTION.into(), film_projection_json(&film));
+        }
         all.extend(further.clone());
         all
     }
@@ -264,6 +276,10 @@ impl SceneSpec {
         let (height, width) = serde_json::from_value(a["size"].clone()).ok()?;
         let count = |key: &str| usize::try_from(a[key].as_u64()?).ok();
         let is_set = |key: &str| a.get(key).map_or(Some(false), Value::as_bool);
+        let projection = match all.shift_remove(FILM_PROJECTION) {
+            None => Projection::Planar,
+            Some(value) => Projection::Film(film_projection(&value)?),
+        };
         let spec = Self {
             size: Size::new(height, width),
             sheets: count("sheets")?,
@@ -274,6 +290,7 @@ impl SceneSpec {
             chunk: count("chunk")?,
             half: is_set("half")?,
             ids: is_set("ids")?,
+            projection,
         };
         spec.holds().then_some((spec, all))
     }
@@ -289,9 +306,28 @@ impl SceneSpec {
             && bounds::PITCH_UM.contains(self.pitch_um)
             && self.centre_mm.0.is_finite()
             && self.centre_mm.1.is_finite();
-        counts && is_side(self.shard.0) && is_side(self.shard.1) && {
+        let is_shown = match &self.projection {
+            Projection::Planar => true,
+            Projection::Film(film) => film.ascends(),
+        };
+        counts && is_shown && is_side(self.shard.0) && is_side(self.shard.1) && {
             let (down, across) = self.shards();
             bounds::SHARDS.check_product(&[self.sheets, self.bases + 3, down, across]).is_ok()
         }
     }
+}
+
+/// θ(r), radians and mm: r Σ_k coefficients_k T_k(2 (r/radius_mm)² − 1), beyond the radius with its slope there.
+fn film_projection_json(film: &FilmProjection) -> Value {
+    json!({ "focal_mm": film.focal_mm, "radius_mm": film.radius_mm, "coefficients": film.coefficients })
+}
+
+/// The projection that `value` describes; none if it describes none.
+fn film_projection(value: &Value) -> Option<FilmProjection> {
+    let coefficients: Vec<f64> = serde_json::from_value(value["coefficients"].clone()).ok()?;
+    Some(FilmProjection {
+        focal_mm: value["focal_mm"].as_f64()?,
+        radius_mm: value["radius_mm"].as_f64()?,
+        coefficients: coefficients.try_into().ok()?,
+    })
 }

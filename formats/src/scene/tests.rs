@@ -5,6 +5,7 @@ use crate::chart::{ChartOptions, ChartStore, NanPolicy};
 use crate::group::Finding;
 use pipeline::flow::ChartSource;
 use pipeline::geometry::{Rect, Size};
+use pipeline::projection::{FilmProjection, Projection};
 use serde_json::json;
 
 fn spec() -> SceneSpec {
@@ -18,6 +19,7 @@ fn spec() -> SceneSpec {
         chunk: 16,
         half: false,
         ids: false,
+        projection: Projection::Planar,
     }
 }
 
@@ -147,6 +149,36 @@ fn attributes_that_are_no_layout_are_an_error() {
         std::fs::write(path.join("zarr.json"), text.replace(from, to)).unwrap();
         assert!(matches!(SceneStore::open(&path, false), Err(GroupError::Damaged { .. })), "{to}");
     }
+}
+
+/// The projection of a film is kept bit for bit, a planar scene has no attribute of it, and one whose angles do not ascend is damaged.
+#[test]
+fn the_projection_of_a_film_is_kept() {
+    let directory = tempfile::tempdir().unwrap();
+    let path = directory.path().join("scene.zarr");
+    let coefficients = std::array::from_fn(|k| if k == 0 { 0.1 / 0.3 } else { 1e-3 / (k * k) as f64 });
+    let film = FilmProjection { focal_mm: 3.1, radius_mm: 2.7, coefficients };
+    let spec = SceneSpec { projection: Projection::Film(film), ..spec() };
+    drop(SceneStore::create(&path, spec.clone(), attributes(), false).unwrap());
+    let again = SceneStore::open(&path, false).unwrap();
+    assert_eq!(again.spec(), &spec);
+    assert!(!again.attributes().contains_key("film_projection"));
+    drop(again);
+    let text = std::fs::read_to_string(path.join("zarr.json")).unwrap();
+    let group: Value = serde_json::from_str(&text).unwrap();
+    let of = &group["attributes"]["film_projection"];
+    assert_eq!((of["focal_mm"].as_f64(), of["coefficients"].as_array().map(Vec::len)), (Some(3.1), Some(20)));
+    let coordinate = std::fs::read_to_string(path.join("x/zarr.json")).unwrap();
+    assert!(coordinate.contains("on the film at the primary wavelength"));
+    for (from, to) in [("\"radius_mm\": 2.7", "\"radius_mm\": -2.7"), ("0.3333333333333333", "-0.5")] {
+        assert!(text.contains(from), "{from}");
+        std::fs::write(path.join("zarr.json"), text.replacen(from, to, 1)).unwrap();
+        assert!(matches!(SceneStore::open(&path, false), Err(GroupError::Damaged { .. })), "{to}");
+    }
+    let planar = directory.path().join("planar.zarr");
+    let planar_spec = SceneSpec { projection: Projection::Planar, ..spec };
+    drop(SceneStore::create(&planar, planar_spec, attributes(), false).unwrap());
+    assert!(!std::fs::read_to_string(planar.join("zarr.json")).unwrap().contains("projection"));
 }
 
 /// Weights of 16 bits are those of 32 rounded; numbers of objects are those of u32, as other programs read them.

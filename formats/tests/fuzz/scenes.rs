@@ -7,6 +7,7 @@ use lenscube_formats::object;
 use lenscube_formats::scene::{Plane, SceneLight, SceneShard, SceneSpec, SceneStore, object_bits};
 use pipeline::colour::Illuminant;
 use pipeline::geometry::{Rect, Size};
+use pipeline::projection::{FilmProjection, Projection};
 use pipeline::scene::weights::{Basis, LightSpectrum, Reflectance, SceneIlluminant, Spectrum};
 use serde_json::json;
 use std::cell::RefCell;
@@ -15,7 +16,7 @@ use std::path::{Path, PathBuf};
 
 const SIZE: Size = Size::new(20, 40);
 
-/// A scene of two surfaces with weights of 16 bits and numbers of objects.
+/// A scene of two surfaces with weights of 16 bits and numbers of objects, in the projection of a film.
 fn write(path: &Path) {
     let spec = SceneSpec {
         size: SIZE,
@@ -27,6 +28,11 @@ fn write(path: &Path) {
         chunk: 16,
         half: true,
         ids: true,
+        projection: Projection::Film(FilmProjection {
+            focal_mm: 4.0,
+            radius_mm: 3.0,
+            coefficients: std::array::from_fn(|k| if k == 0 { 0.25 } else { 0.0 }),
+        }),
     };
     // Not red and green, whose spectra take long to find.
     let basis = |name: &str, values| {

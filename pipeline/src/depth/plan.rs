@@ -326,9 +326,9 @@ impl DepthPlan {
         let fields = (0..self.slabs.count()).map(|s| {
             let (low, high) = self.slabs.nodes(s);
             let tables = nodes.between(band, (self.first_node + low, self.first_node + high));
-            Field::new(
+            Field::on_chart(
                 &tables,
-                frame.pitch_mm(),
+                frame,
                 options.stages.has(Stage::Distortion),
                 options.stages.has(Stage::Ri),
                 gain,

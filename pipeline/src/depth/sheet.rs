@@ -46,10 +46,12 @@ impl Distance {
         let at = |i: usize, n: usize, scale: f64, centre: f64| {
             (i as f64 - (n as f64 - 1.0) / 2.0) * pitch * scale + centre
         };
-        (
+        let (y, x) = (
             at(row, frame.chart.height, frame.scale.0, frame.center_mm.0),
             at(column, frame.chart.width, frame.scale.1, frame.center_mm.1),
-        )
+        );
+        let [x, y] = frame.projection.ideal_point_mm([x, y]);
+        (y, x)
     }
 }
 

@@ -17,10 +17,11 @@ mod request;
 pub use request::{AppearanceError, AppearanceRequest, Assigned, Background, materials_named};
 
 use super::description::{AlphaMode, Part, TextureUse};
+use super::frame::Frame;
 use super::light::shadow::{Occluders, Triangles};
 use super::light::{Lighting, ShadowRay, Site};
 use super::shading::{SampleHit, Shader};
-use super::texture::{Footprint, Pyramid};
+use super::texture::Pyramid;
 use super::vector::{cross, dot, scaled, unit};
 use super::weights::{Basis, COLOURS};
 use place::{Owner, Place, is_in_range};
@@ -63,7 +64,7 @@ pub struct Appearance<'a, T> {
     lighting: Lighting,
     occluders: Option<Occluders>,
     background: Background,
-    step: [f64; 2],
+    frame: Frame,
     bases: Vec<Basis>,
     /// Number of reflectances.
     reflectances: usize,
@@ -149,7 +150,7 @@ impl<T: Triangles> Appearance<'_, T> {
             let owner = self.owner(triangle);
             match owner.surface.alpha_mode {
                 AlphaMode::Mask(cutoff) => {
-                    let place = Place { owner: &owner, footprint: Footprint::at_point(barycentric) };
+                    let place = Place::at_point(&owner, barycentric);
                     self.alpha(&place) >= f64::from(cutoff)
                 }
                 _ => true,
@@ -187,7 +188,7 @@ impl<T: Triangles> Shader for Appearance<'_, T> {
         if !self.lighting.is_even() || owner.varies() || !is_dark || is_limited {
             return false;
         }
-        let place = Place { owner: &owner, footprint: Footprint::at_point([1.0 / 3.0; 3]) };
+        let place = Place::at_point(&owner, [1.0 / 3.0; 3]);
         let (first, values) = self.reflectance(&place);
         let count = if first == 0 { COLOURS } else { 1 };
         weights[first..][..count].copy_from_slice(&values[..count]);
@@ -204,7 +205,7 @@ impl<T: Triangles> Shader for Appearance<'_, T> {
         let mean = |of: fn(&SampleHit) -> f64| hits.iter().map(of).sum::<f64>() / count;
         let place = match owner.varies() {
             true => self.place(&owner, triangle, mean(|h| h.x), mean(|h| h.y)),
-            false => Place { owner: &owner, footprint: Footprint::at_point(hits[0].barycentric) },
+            false => Place::at_point(&owner, hits[0].barycentric),
         };
         let (first, values) = self.reflectance(&place);
         let mut add = |spectrum: usize, light: f64| {

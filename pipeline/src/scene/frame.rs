@@ -3,8 +3,9 @@
 //! ```text
 //! X = (c − (W−1)/2)·p·s_x + X₀,   Y = (r − (H−1)/2)·p·s_y + Y₀,   d = (X/f_D, Y/f_D, 1)          X, Y in mm
 //! ```
-//! in this order of operations, that of `Distance::ideal_mm`. Row r and column c are real numbers, pixel centres integers; p is the pitch of
-//! the film, s one chart pixel in film pixels, f_D the distortion focal length of the lens. Each operation rounds monotonically: x does not
+//! in this order of operations, that of `Distance::ideal_mm`; on a chart in the projection of the film (`film_directions`) d = (X·t, Y·t, 1), t = tan θ(ρ)/ρ, ρ = √(X² + Y²).
+//! Row r and column c are real numbers, pixel centres integers; p is the pitch of
+//! the film, s one chart pixel in film pixels, f_D the distortion focal length of the lens. Of a planar chart each operation rounds monotonically: x does not
 //! decrease with c, nor y with r.
 //!
 //! Samples: N = 1, 4, 16 or 64 per pixel, at the same places in every pixel: one in each of N rows and N columns, symmetric about the centre.
@@ -13,8 +14,17 @@
 //! ```
 //! All values are exact in binary. The generators g have the least rms error of the share of a half plane: 0.24, 0.090, 0.032, 0.011.
 
-/// Chart on the ideal image plane.
-#[derive(Clone, Copy, Debug, PartialEq)]
+use super::film_directions::FilmDirections;
+use std::sync::Arc;
+
+/// What is added to the bounds of a chart in the projection of the film, px: they are looked for at a few places.
+const CURVED_MARGIN_PX: f64 = 1.0;
+
+/// Least and largest of two numbers each: (row, column) of places, (x, y) of directions.
+pub(super) type Bounds = ([f64; 2], [f64; 2]);
+
+/// Chart on the ideal image plane, or as the film has it.
+#[derive(Clone, Debug, PartialEq)]
 pub struct Frame {
     /// Rows of the chart.
     pub height: usize,
@@ -28,41 +38,94 @@ pub struct Frame {
     pub scale: (f64, f64),
     /// Chart centre (Y, X) in mm from the axis.
     pub centre_mm: (f64, f64),
+    /// Directions of a chart in the projection of the film; `None`: planar.
+    pub film: Option<Arc<FilmDirections>>,
 }
 
 impl Frame {
     /// Centred on the axis, chart pixels one to one with film pixels.
     pub const fn centred(height: usize, width: usize, pitch_mm: f64, focal_mm: f64) -> Self {
-        Self { height, width, pitch_mm, focal_mm, scale: (1.0, 1.0), centre_mm: (0.0, 0.0) }
+        Self { height, width, pitch_mm, focal_mm, scale: (1.0, 1.0), centre_mm: (0.0, 0.0), film: None }
     }
 
     /// (x, y) of the direction of a place of the chart in px.
     pub fn direction(&self, row: f64, column: f64) -> (f64, f64) {
-        (self.x(column), self.y(row))
+        match &self.film {
+            None => (self.x(column), self.y(row)),
+            Some(film) => film.direction(self.x_mm(column), self.y_mm(row)),
+        }
     }
 
-    /// x of the direction of a column.
+    /// X of a column, mm.
+    fn x_mm(&self, column: f64) -> f64 {
+        (column - (self.width as f64 - 1.0) / 2.0) * self.pitch_mm * self.scale.1 + self.centre_mm.1
+    }
+
+    /// Y of a row, mm.
+    fn y_mm(&self, row: f64) -> f64 {
+        (row - (self.height as f64 - 1.0) / 2.0) * self.pitch_mm * self.scale.0 + self.centre_mm.0
+    }
+
+    /// x of the direction of a column of a planar chart.
     pub fn x(&self, column: f64) -> f64 {
-        ((column - (self.width as f64 - 1.0) / 2.0) * self.pitch_mm * self.scale.1 + self.centre_mm.1)
-            / self.focal_mm
+        self.x_mm(column) / self.focal_mm
     }
 
-    /// y of the direction of a row.
+    /// y of the direction of a row of a planar chart.
     pub fn y(&self, row: f64) -> f64 {
-        ((row - (self.height as f64 - 1.0) / 2.0) * self.pitch_mm * self.scale.0 + self.centre_mm.0)
-            / self.focal_mm
+        self.y_mm(row) / self.focal_mm
     }
 
-    /// Column of the direction with this x, up to rounding.
+    /// Column of the direction with this x, of a planar chart, up to rounding.
     pub(super) fn column(&self, x: f64) -> f64 {
-        (x * self.focal_mm - self.centre_mm.1) / (self.pitch_mm * self.scale.1)
-            + (self.width as f64 - 1.0) / 2.0
+        self.column_at(x * self.focal_mm)
     }
 
-    /// Row of the direction with this y, up to rounding.
+    /// Row of the direction with this y, of a planar chart, up to rounding.
     pub(super) fn row(&self, y: f64) -> f64 {
-        (y * self.focal_mm - self.centre_mm.0) / (self.pitch_mm * self.scale.0)
-            + (self.height as f64 - 1.0) / 2.0
+        self.row_at(y * self.focal_mm)
+    }
+
+    fn column_at(&self, x_mm: f64) -> f64 {
+        (x_mm - self.centre_mm.1) / (self.pitch_mm * self.scale.1) + (self.width as f64 - 1.0) / 2.0
+    }
+
+    fn row_at(&self, y_mm: f64) -> f64 {
+        (y_mm - self.centre_mm.0) / (self.pitch_mm * self.scale.0) + (self.height as f64 - 1.0) / 2.0
+    }
+
+    /// Rows and columns of a rectangle of directions (x, y), up to rounding, or a larger rectangle.
+    pub(super) fn places(&self, (low, high): Bounds) -> Bounds {
+        let Some(film) = &self.film else {
+            return ([self.row(low[1]), self.column(low[0])], [self.row(high[1]), self.column(high[0])]);
+        };
+        let (low, high) = film.heights((low, high));
+        (
+            [self.row_at(low[1]) - CURVED_MARGIN_PX, self.column_at(low[0]) - CURVED_MARGIN_PX],
+            [self.row_at(high[1]) + CURVED_MARGIN_PX, self.column_at(high[0]) + CURVED_MARGIN_PX],
+        )
+    }
+
+    /// Directions (x, y) of a rectangle of rows and columns, or a larger rectangle.
+    pub(super) fn directions(&self, (low, high): Bounds) -> Bounds {
+        let Some(film) = &self.film else {
+            return ([self.x(low[1]), self.y(low[0])], [self.x(high[1]), self.y(high[0])]);
+        };
+        let size = [self.height, self.width];
+        let within = |place: f64, k: usize| place.clamp(-1.0, size[k] as f64);
+        let low: [f64; 2] = std::array::from_fn(|k| within(low[k] - CURVED_MARGIN_PX, k));
+        let high: [f64; 2] = std::array::from_fn(|k| within(high[k] + CURVED_MARGIN_PX, k));
+        let mm = |[row, column]: [f64; 2]| [self.x_mm(column), self.y_mm(row)];
+        film.directions((mm(low), mm(high)))
+    }
+
+    /// By how much the direction (x, y) changes from one column to the next, and from one row to the next.
+    pub fn steps(&self, x: f64, y: f64) -> [[f64; 2]; 2] {
+        let [across, down] = [self.pitch_mm * self.scale.1, self.pitch_mm * self.scale.0];
+        match &self.film {
+            None => [[across / self.focal_mm, 0.0], [0.0, down / self.focal_mm]],
+            Some(film) => [film.change((x, y), [across, 0.0]), film.change((x, y), [0.0, down])],
+        }
     }
 
     /// Whether all lengths and scales are positive and finite and the chart has pixels.

@@ -74,7 +74,7 @@ impl TailPlan {
     ) -> Vec<f32> {
         let stages = options.stages;
         let (distortion, illumination) = (stages.has(Stage::Distortion), stages.has(Stage::Ri));
-        let field = Field::new(band, frame.pitch_mm(), distortion, illumination, gain);
+        let field = Field::on_chart(band, frame, distortion, illumination, gain);
         let lights = {
             let light = RemappedLight { map: Map::new(frame, &field), cells: &cells, simd: options.simd };
             levels::lights(self, &light, threads)

@@ -9,6 +9,7 @@
 use crate::design::ghost::rings::{RingOperator, RingPower};
 use crate::geometry::Frame;
 use crate::layer::BinGrid;
+use crate::projection::Projection;
 use crate::reduced_chart::ReducedChart;
 
 /// Most parts of a side of a cell.
@@ -41,7 +42,7 @@ fn on_rings(frame: &Frame, operator: &RingOperator, reduced: &ReducedChart) -> R
     let sizes = operator.sizes;
     let mut scene = RingPower::dark(sizes.source_rings, sizes.azimuths());
     let (chart, cells, side) = (frame.chart, reduced.size(), reduced.side());
-    // Chart pixels on the ideal plane, mm.
+    // Chart pixels, mm.
     let pixel = (frame.pitch_mm() * frame.scale.0, frame.pitch_mm() * frame.scale.1);
     let side_mm = side as f64 * pixel.0.max(pixel.1);
     let arc = std::f64::consts::PI / sizes.orders() as f64;
@@ -55,8 +56,10 @@ fn on_rings(frame: &Frame, operator: &RingOperator, reduced: &ReducedChart) -> R
             middle(j, chart.width, pixel.1, frame.center_mm.1),
         );
         // Half a ring, near the axis half a period of the last order.
-        let finest = (0.5 * sizes.ring_mm).min(arc * (x * x + y * y).sqrt());
-        let parts = (side_mm / finest).ceil().clamp(1.0, MAX_PARTS);
+        let r = (x * x + y * y).sqrt();
+        let (across, along) = frame.projection.scale(r);
+        let finest = (0.5 * sizes.ring_mm).min(arc * (r * across));
+        let parts = (side_mm * across.max(along) / finest).ceil().clamp(1.0, MAX_PARTS);
         let part = |cell: usize, k: usize, pixels: usize, pixel: f64, centre: f64| {
             let width = side.min(pixels - cell * side) as f64;
             let at = (cell * side) as f64 + (k as f64 + 0.5) * width / parts - 0.5;
@@ -66,11 +69,23 @@ fn on_rings(frame: &Frame, operator: &RingOperator, reduced: &ReducedChart) -> R
             let (y, height) = part(i, k, chart.height, pixel.0, frame.center_mm.0);
             for l in 0..parts as usize {
                 let (x, width) = part(j, l, chart.width, pixel.1, frame.center_mm.1);
-                scene.add(&sizes, (x, y), f64::from(*value) * height * width);
+                let (at, area) = on_ideal_plane(&frame.projection, [x, y], height * width);
+                scene.add(&sizes, at, f64::from(*value) * area);
             }
         }
     }
     scene
+}
+
+/// The point `[x, y]` of the chart, mm, and the area `mm2` there, on the ideal image plane.
+fn on_ideal_plane(projection: &Projection, [x, y]: [f64; 2], mm2: f64) -> ((f64, f64), f64) {
+    match projection {
+        Projection::Planar => ((x, y), mm2),
+        Projection::Film(_) => {
+            let (across, along) = projection.scale((x * x + y * y).sqrt());
+            ((x * across, y * across), mm2 * across * along)
+        }
+    }
 }
 
 #[cfg(test)]

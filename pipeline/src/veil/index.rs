@@ -85,7 +85,8 @@ fn ghosts_on_axis(frame: &Frame, operator: &RingOperator, radius_mm: f64) -> f64
     let (down, across) = (half(frame.chart.height, frame.scale.0), half(frame.chart.width, frame.scale.1));
     let is_lit = |r: f64, azimuth: usize| {
         let (sin, cos) = real::sin_cos(2.0 * PI * (azimuth as f64 + 0.5) / AZIMUTHS as f64);
-        (r * sin - frame.center_mm.0).abs() <= down && (r * cos - frame.center_mm.1).abs() <= across
+        let [x, y] = frame.projection.point_mm([r * cos, r * sin]);
+        (y - frame.center_mm.0).abs() <= down && (x - frame.center_mm.1).abs() <= across
     };
     let mut scene = RingPower::dark(sizes.source_rings, sizes.azimuths());
     let part_mm = sizes.ring_mm / PARTS as f64;

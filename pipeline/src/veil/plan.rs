@@ -226,7 +226,7 @@ impl VeilMaker {
         }
         let stages = options.stages;
         let (distortion, illumination) = (stages.has(Stage::Distortion), stages.has(Stage::Ri));
-        let field = Field::new(band, frame.pitch_mm(), distortion, illumination, gain);
+        let field = Field::on_chart(band, frame, distortion, illumination, gain);
         let (grid, surround) = (&self.plan.grid, options.interpolation.surround);
         let glare = match shares.glare > 0.0 {
             true => shares.glare * mean_over_film(frame, &field, (reduced, surround), grid.bin_px),

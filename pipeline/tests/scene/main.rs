@@ -169,7 +169,7 @@ fn check(path: &Path) -> usize {
                 .then(|| Background { vergence: background, weights: settings[7..10].to_vec() }),
         };
         for engine in Engine::available() {
-            let renderer = Renderer::new(&mesh, frame, &shader, settings.clone(), engine).unwrap();
+            let renderer = Renderer::new(&mesh, frame.clone(), &shader, settings.clone(), engine).unwrap();
             let mut worker = renderer.worker();
             let (front, hidden) = renderer.all(0, &mut worker);
             let of: Vec<&Sheet> = std::iter::once(&front.sheet).chain(&hidden).collect();

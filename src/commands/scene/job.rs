@@ -8,6 +8,7 @@ use crate::film::digest;
 use anyhow::Result;
 use formats::object;
 use formats::scene::{SceneLight, SceneSpec};
+use pipeline::projection::Projection;
 use pipeline::scene::appearance::{Appearance, Assigned};
 use pipeline::scene::horizon::UpAxis;
 use pipeline::scene::mesh::Mesh;
@@ -60,6 +61,7 @@ impl SceneJob {
             chunk: SceneSpec::LAYOUT.1,
             half: args.surfaces.half,
             ids: args.surfaces.ids,
+            projection: pinhole.projection,
         };
         if !spec.holds() {
             return Err(usage(format!(
@@ -186,6 +188,9 @@ fn identity(
     };
     map.extend(light.attributes());
     // Absent without: the identity is then that of programs without these options.
+    if let Projection::Film(film) = prepared.pinhole.projection {
+        map.insert("projection".into(), json!([film.radius_mm, film.coefficients]));
+    }
     for (key, is_set) in [("half", args.surfaces.half), ("ids", args.surfaces.ids)] {
         if is_set {
             map.insert(key.into(), true.into());
@@ -211,7 +216,10 @@ fn attributes(
         "film_size": [args.film_size.height, args.film_size.width],
         "overscan_px": prepared.pinhole.overscan_px,
         "lens": args.lens,
-        "projection": "planar",
+        "projection": match prepared.pinhole.projection {
+            Projection::Planar => "planar",
+            Projection::Film(_) => "film",
+        },
         "samples_per_px": settings.samples,
         "gap_dioptre": settings.gap_dioptre,
         "camera": prepared.camera,

@@ -32,7 +32,6 @@ pub fn appearance<'a>(
         BackgroundArg::None => Background::None,
         BackgroundArg::Luminance(luminance) => Background::Luminance(luminance),
     };
-    let step = prepared.frame.pitch_mm / prepared.frame.focal_mm;
     let request = AppearanceRequest {
         triangles: &prepared.mesh,
         parts: &prepared.scene.parts,
@@ -40,7 +39,7 @@ pub fn appearance<'a>(
         textures,
         assigned,
         pose: prepared.pose,
-        step: [step, step],
+        frame: prepared.frame.clone(),
         lighting,
         background,
     };

@@ -40,9 +40,14 @@ pub fn scene(
 ) -> Result<u8> {
     let start = Instant::now();
     let Some(out) = &args.out else { return Err(usage("SCENE is required")) };
-    let renderer =
-        Renderer::new(&prepared.mesh, prepared.frame, appearance, job.settings.clone(), Engine::detect())
-            .map_err(|e| usage(e.to_string()))?;
+    let renderer = Renderer::new(
+        &prepared.mesh,
+        prepared.frame.clone(),
+        appearance,
+        job.settings.clone(),
+        Engine::detect(),
+    )
+    .map_err(|e| usage(e.to_string()))?;
     let budget = Budget::new(prepared, appearance, &renderer, job)?;
     if args.process.overwrite || !Store::at(&link_target(out))?.exists()? {
         report::check_space(out, job, args.process.force)?;

@@ -1,5 +1,6 @@
 //! The mesh before the camera of a lens, and the frame of the chart.
 
+use super::chart_frame::{check_size, frame, pinhole};
 use super::illuminant::illuminant;
 use super::seen::Seen;
 use crate::args::{MeshUnit, MissingTextures, SceneArgs, SolidsArg, UpAxisArg};
@@ -70,11 +71,10 @@ impl Prepared {
     /// The design cannot be focused; the film is beyond its field; the mesh cannot be read or has no triangle before the camera; its camera is not known.
     pub fn new(args: &SceneArgs) -> Result<Self> {
         let (system, _) = design::focused(&args.lens, &args.design, args.focus_m)?;
-        let pinhole = |range| {
-            Pinhole::new(&system, args.film_size, args.film_pitch_um, range)
-                .with_context(|| format!("camera of {}", args.lens))
-        };
-        let focal_mm = pinhole(None)?.focal_mm;
+        let pinhole = |range| pinhole(args, &system, range);
+        let first = pinhole(None)?;
+        check_size(args, &first)?;
+        let focal_mm = first.focal_mm;
         let near_m = args.view.near_m.unwrap_or(NEAR_FOCAL_LENGTHS * focal_mm * 1e-3);
         let limit = MemoryLimit::new(args.memory, MAX_DEFAULT);
         let (unit_m, up) = unit_and_axis(args)?;
@@ -129,12 +129,7 @@ impl Prepared {
         if let Some(camera) = camera {
             notes.extend(field_note(args, camera, &pinhole));
         }
-        let frame = Frame::centred(
-            pinhole.size.height,
-            pinhole.size.width,
-            args.film_pitch_um * 1e-3,
-            pinhole.focal_mm,
-        );
+        let frame = frame(args, &pinhole, 1.0)?;
         let camera = camera.map(|camera| camera.name.clone());
         let (threads, textures) = (threads(args.threads), scene.textures.len());
         Ok(Self {

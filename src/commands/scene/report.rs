@@ -10,6 +10,7 @@ use crate::progress::{duration, log_line, mib, plural, print};
 use anyhow::Result;
 use formats::object;
 use formats::scene::SceneStore;
+use pipeline::projection::Projection;
 use pipeline::scene::appearance::Appearance;
 use pipeline::scene::description::{AlphaMode, Material};
 use pipeline::scene::mesh::Mesh;
@@ -74,7 +75,7 @@ pub fn print_info(prepared: &Prepared, job: &SceneJob) {
          nearest, farthest       {:.4} m, {:.4} m along the axis (corners before the camera)\n\
          camera                  {camera}, field of view of the chart {:.3} x {:.3} deg\n\
          covered                 {:.1} % of the chart\n\
-         chart                   {} px, {} px beyond the film on each side; {} with spectra {}\n\
+         chart                   {} px{}, {} px beyond the film on each side; {} with spectra {}\n\
          surfaces                up to {}; told apart from {:.5} dioptres; hidden ones within {} of edges\n\
          disk                    {:.2} GB before compression\n\
          work                    about {core_s:.0} core s, {} threads",
@@ -91,6 +92,7 @@ pub fn print_info(prepared: &Prepared, job: &SceneJob) {
         pinhole.fov_deg(pinhole.size.height),
         100.0 * prepared.covered,
         pinhole.size,
+        if pinhole.projection == Projection::Planar { "" } else { " in the projection of the film" },
         pinhole.overscan_px,
         plural(job.spec.bases, "weight"),
         job.bases().collect::<Vec<_>>().join(", "),

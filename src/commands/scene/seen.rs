@@ -1,12 +1,12 @@
 //! A coarse picture of the scene, before it is made: whether anything is seen, how near, and whether the camera stands inside something. Surfaces count as
 //! opaque.
 
+use super::chart_frame::frame;
 use crate::args::SceneArgs;
 use crate::failure::usage;
 use anyhow::Result;
 use pipeline::design::pinhole::Pinhole;
 use pipeline::scene::description::Part;
-use pipeline::scene::frame::Frame;
 use pipeline::scene::mesh::Mesh;
 use pipeline::scene::shading::{SampleHit, Shader};
 use pipeline::scene::sheets::{Counts, Renderer, Settings};
@@ -57,10 +57,7 @@ impl Seen {
         near_m: f64,
     ) -> Result<Self> {
         let step = (pinhole.size.height.max(pinhole.size.width) as f64 / SIDE_PX as f64).max(1.0);
-        let side = |n: usize| ((n as f64 / step) as usize).max(1);
-        let pitch_mm = pinhole.pitch_um * 1e-3 * step;
-        let frame =
-            Frame::centred(side(pinhole.size.height), side(pinhole.size.width), pitch_mm, pinhole.focal_mm);
+        let frame = frame(args, pinhole, step)?;
         let settings = Settings {
             samples: 1,
             sheets: 1,

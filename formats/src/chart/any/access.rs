@@ -5,6 +5,7 @@ use std::path::Path;
 use pipeline::chart::Kind;
 use pipeline::flow::ChartSource;
 use pipeline::geometry::Size;
+use pipeline::projection::Projection;
 use serde_json::{Value, json};
 
 use super::Chart;
@@ -73,6 +74,16 @@ impl Chart {
             _ => 0,
         };
         (bands.len() * self.size().pixels() * sample) as u64
+    }
+
+    /// The plane on which it lies.
+    pub fn projection(&self) -> Projection {
+        match self {
+            Self::Scene(scene) => scene.projection(),
+            Self::Store(_) | Self::Raster(_) | Self::Decoded(_) | Self::Generated(_) | Self::Array(_) => {
+                Projection::Planar
+            }
+        }
     }
 
     /// Rows and columns of a chunk; one pixel where the chart has none.

@@ -8,12 +8,16 @@
 //! field of view = 2·atan(n·p/(2 f_D))
 //! ```
 //! m = 1.2 ρ + 12 px for a blur of radius ρ, as windows of depth nodes, else 64 px.
+//!
+//! A chart in the projection of the film ([`crate::projection`]) is as large as the film and m, and what lateral colour moves: overscan = max|ρ(θ) − r|/p + m. Its directions are those
+//! of the chief rays at the primary wavelength.
 
 use crate::design::prescription::error::DesignError;
 use crate::design::prescription::system::System;
 use crate::design::rays::paraxial::Paraxial;
 use crate::design::rays::ray::Tracer;
 use crate::geometry::Size;
+use crate::projection::{FilmProjection, Projection};
 use crate::real;
 
 /// Points on a side of the film at which distortion is looked for.
@@ -38,6 +42,8 @@ pub struct Pinhole {
     pub pitch_um: f64,
     /// Blur radius per dioptre, µm.
     pub blur_um: f64,
+    /// The plane of the picture.
+    pub projection: Projection,
 }
 
 /// A pinhole camera that does not exist.
@@ -56,6 +62,14 @@ pub enum PinholeError {
         real_mm: f64,
         /// Its ray.
         source: DesignError,
+    },
+    /// A projection that no picture has.
+    #[error(
+        "the projection of the film: the angles of chief rays do not ascend with their heights on the film up to {reach_mm:.3} mm"
+    )]
+    Folded {
+        /// Height up to which it was looked for, mm.
+        reach_mm: f64,
     },
 }
 
@@ -79,20 +93,77 @@ impl Pinhole {
             (1.2 * blur + 12.0).ceil() as usize
         });
         let distortion_px = beyond_mm(system, film, pitch_um)? * 1e3 / pitch_um;
-        let overscan_px = margin_px + distortion_px.ceil() as usize;
-        let size = Size::new(film.height + 2 * overscan_px, film.width + 2 * overscan_px);
         let pupil_mm = first.entrance_pupil_mm;
-        Ok(Self { pupil_mm, focal_mm, size, overscan_px, margin_px, pitch_um, blur_um })
+        let pinhole = Self {
+            pupil_mm,
+            focal_mm,
+            size: film,
+            overscan_px: 0,
+            margin_px,
+            pitch_um,
+            blur_um,
+            projection: Projection::Planar,
+        };
+        Ok(pinhole.with_overscan(film, distortion_px))
     }
 
-    /// Width or height of `px` pixels of the picture on the ideal image plane, mm.
+    /// As [`Pinhole::new`], with the picture in the projection of the film.
+    ///
+    /// # Errors
+    /// [`PinholeError`].
+    pub fn on_film(
+        system: &System,
+        film: Size,
+        pitch_um: f64,
+        range: Option<(f64, f64)>,
+    ) -> Result<Self, PinholeError> {
+        let planar = Self::new(system, film, pitch_um, range)?;
+        let tracer = Tracer::new(system, system.primary_um())?;
+        let half = |px: usize| 0.5e-3 * px as f64 * pitch_um;
+        let corner =
+            |beyond: usize| real::hypot(half(film.height + 2 * beyond), half(film.width + 2 * beyond));
+        let fit = |reach_mm: f64| {
+            let angle = |r: f64| Ok(real::atan(tracer.field_of_height(r)?));
+            let source = |source| PinholeError::Border { real_mm: reach_mm, source };
+            let fitted = FilmProjection::fit(planar.focal_mm, reach_mm, angle).map_err(source)?;
+            fitted.ok_or(PinholeError::Folded { reach_mm })
+        };
+        // The margin may lie beyond the field.
+        let projection = fit(corner(planar.margin_px)).or_else(|_| fit(corner(0)))?;
+        let mut moved_mm: f64 = 0.0;
+        for (um, _) in &system.wavelengths_um {
+            let tracer = Tracer::new(system, *um)?;
+            for i in 1..=POINTS {
+                let real_mm = corner(0) * i as f64 / POINTS as f64;
+                let source = |source| PinholeError::Border { real_mm, source };
+                let tan = tracer.field_of_height(real_mm).map_err(source)?;
+                let on_chart = projection.height_mm(real::atan(tan));
+                moved_mm = moved_mm.max((on_chart - real_mm).abs());
+            }
+        }
+        let pinhole = Self { projection: Projection::Film(projection), ..planar };
+        Ok(pinhole.with_overscan(film, moved_mm * 1e3 / pitch_um))
+    }
+
+    fn with_overscan(self, film: Size, moved_px: f64) -> Self {
+        let overscan_px = self.margin_px + moved_px.ceil() as usize;
+        let size = Size::new(film.height + 2 * overscan_px, film.width + 2 * overscan_px);
+        Self { size, overscan_px, ..self }
+    }
+
+    /// Height of the corners of the picture, mm from the axis.
+    pub fn corner_mm(&self) -> f64 {
+        0.5 * real::hypot(self.side_mm(self.size.height), self.side_mm(self.size.width))
+    }
+
+    /// Width or height of `px` pixels of the picture on its plane, mm.
     pub fn side_mm(&self, px: usize) -> f64 {
         px as f64 * self.pitch_um * 1e-3
     }
 
     /// Angle between opposite sides `px` apart, degrees.
     pub fn fov_deg(&self, px: usize) -> f64 {
-        (2.0 * real::atan2(self.side_mm(px) / 2.0, self.focal_mm)).to_degrees()
+        (2.0 * self.projection.angle_rad(self.side_mm(px) / 2.0, self.focal_mm)).to_degrees()
     }
 }
 

@@ -2,6 +2,7 @@
 
 use super::{Appearance, Reflects, Surface};
 use crate::scene::description::{AlphaMode, Material, Part, Positions, TextureUse};
+use crate::scene::frame::Frame;
 use crate::scene::horizon::rotated;
 use crate::scene::light::Lighting;
 use crate::scene::light::shadow::{Occluders, TooManyTriangles, Triangles};
@@ -47,8 +48,8 @@ pub struct AppearanceRequest<'a, T> {
     pub assigned: &'a [Assigned],
     /// The camera.
     pub pose: Pose,
-    /// Distance of two columns in x and of two rows in y, of directions (x, y, 1).
-    pub step: [f64; 2],
+    /// The chart.
+    pub frame: Frame,
     /// The light.
     pub lighting: Lighting,
     /// Background.
@@ -158,7 +159,7 @@ impl<'a, T: Triangles> Appearance<'a, T> {
             occluders: (lighting.rays_per_site() > 0).then(|| Occluders::new(triangles)).transpose()?,
             normal_matrices: parts.iter().map(|p| normal_matrix(p, &request.pose)).collect(),
             background: request.background,
-            step: request.step,
+            frame: request.frame,
             clipped: AtomicU64::new(0),
             triangles,
             parts,

@@ -8,7 +8,7 @@ use crate::scene::test_mesh::{POSE, TestMesh, material, quad, wall};
 use crate::scene::weights::{LightSpectrum, Spectrum};
 
 /// 1 mrad a pixel.
-const STEP: [f64; 2] = [0.001, 0.001];
+const FRAME: Frame = Frame::centred(100, 100, 0.001, 1.0);
 
 fn request<'a>(
     mesh: &'a TestMesh,
@@ -22,7 +22,7 @@ fn request<'a>(
         textures: Vec::new(),
         assigned: &[],
         pose: POSE,
-        step: STEP,
+        frame: FRAME,
         lighting,
         background: Background::None,
     }

@@ -1,5 +1,7 @@
 //! Closed forms and invariants of visibility and sheets.
 
+mod film;
+
 use super::pixel::{PixelSheets, PixelSurfaces};
 use super::*;
 use crate::scene::frame::{Frame, pattern};
@@ -262,7 +264,7 @@ fn tiles_have_the_hits_of_all_triangles() {
     let frame =
         Frame { centre_mm: (0.3, -0.2), scale: (1.0, 1.25), ..Frame::centred(1300, 1340, 0.03, 50.0) };
     let shader = OfPart(&mesh);
-    let renderer = Renderer::new(&mesh, frame, &shader, settings(1, 1), Engine::detect()).unwrap();
+    let renderer = Renderer::new(&mesh, frame.clone(), &shader, settings(1, 1), Engine::detect()).unwrap();
     let mut worker = renderer.worker();
     let (mut compared, mut total) = (0, 0);
     for tile in (0..renderer.grid().tiles()).step_by(17) {
@@ -292,7 +294,7 @@ fn tiles_have_the_same_bits_on_any_engine_and_thread_and_in_two_passes() {
     let parts: Vec<_> = shapes().into_iter().enumerate().map(|(k, shape)| part(shape, k)).collect();
     let mesh = Mesh::new(&parts, &materials, &crate::scene::mesh::tests::pose(), OPTIONS).unwrap();
     let shader = OfPart(&mesh);
-    let of = |engine: Engine| Renderer::new(&mesh, frame, &shader, settings(4, 3), engine).unwrap();
+    let of = |engine: Engine| Renderer::new(&mesh, frame.clone(), &shader, settings(4, 3), engine).unwrap();
     let renderer = of(Engine::PORTABLE);
     let mut worker = renderer.worker();
     let tiles = 0..renderer.grid().tiles();
@@ -422,7 +424,9 @@ fn a_one_sided_solid_that_is_crossed_once_shows_no_back() {
 fn the_place_and_direction_of_the_world_do_not_matter() {
     let frame = Frame::centred(256, 256, 0.0125, 50.0);
     let shapes = || vec![icosphere([0.003, 0.001, 1.0], 0.012, 3), wall(2.0)];
-    let all = |mesh: &Mesh| (0..16).map(|tile| render(mesh, frame, settings(4, 2), tile)).collect::<Vec<_>>();
+    let all = |mesh: &Mesh| {
+        (0..16).map(|tile| render(mesh, frame.clone(), settings(4, 2), tile)).collect::<Vec<_>>()
+    };
     let expected = all(&mesh(shapes(), OPTIONS));
     // Turned by 3-4-5 about y, then moved.
     let turn = |[x, y, z]: [f64; 3]| [0.6 * x + 0.8 * z, y, 0.6 * z - 0.8 * x];

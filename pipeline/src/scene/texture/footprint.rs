@@ -67,11 +67,16 @@ impl Footprint {
     }
 }
 
-/// Level of a texture of `size` (columns, rows) whose coordinates have the derivatives `slopes` per unit of x and of y, for chart pixels that are `step`
-/// wide and high in x and y. 0 if a texel is larger than a pixel.
-pub fn level_of(slopes: [[f64; 2]; 2], size: (usize, usize), step: [f64; 2]) -> f64 {
+/// Level of a texture of `size` (columns, rows) whose coordinates have the derivatives `slopes` per unit of x and of y, for a chart pixel from whose column to
+/// the next, and from whose row, (x, y) changes by `steps`. 0 if a texel is larger than a pixel.
+pub fn level_of(slopes: [[f64; 2]; 2], size: (usize, usize), steps: [[f64; 2]; 2]) -> f64 {
     let squared = |k: usize| {
-        let (s, t) = (slopes[k][0] * step[k] * size.0 as f64, slopes[k][1] * step[k] * size.1 as f64);
+        let other = 1 - k;
+        let along = |c: usize| match steps[k][other] {
+            0.0 => slopes[k][c] * steps[k][k],
+            across => slopes[k][c] * steps[k][k] + slopes[other][c] * across,
+        };
+        let (s, t) = (along(0) * size.0 as f64, along(1) * size.1 as f64);
         s * s + t * t
     };
     let largest = squared(0).max(squared(1));

@@ -224,10 +224,10 @@ fn a_level_is_the_logarithm_of_the_longer_side_of_a_pixel_in_texels() {
     let size = (256, 128);
     // One column is 2 texels to the right, one row 3 and 4 texels.
     let slopes = [[2.0 / 256.0 / 0.01, 0.0], [3.0 / 256.0 / 0.02, 4.0 / 128.0 / 0.02]];
-    assert!((level_of(slopes, size, [0.01, 0.02]) - 5f64.log2()).abs() < 1e-14);
-    assert!((level_of(slopes, size, [0.01, 0.002]) - 1.0).abs() < 1e-14);
-    assert_eq!(level_of(slopes, size, [0.001, 0.001]), 0.0);
-    assert_eq!(level_of([[f64::NAN; 2]; 2], size, [1.0; 2]), 0.0);
+    assert!((level_of(slopes, size, [[0.01, 0.0], [0.0, 0.02]]) - 5f64.log2()).abs() < 1e-14);
+    assert!((level_of(slopes, size, [[0.01, 0.0], [0.0, 0.002]]) - 1.0).abs() < 1e-14);
+    assert_eq!(level_of(slopes, size, [[0.001, 0.0], [0.0, 0.001]]), 0.0);
+    assert_eq!(level_of([[f64::NAN; 2]; 2], size, [[1.0, 0.0], [0.0, 1.0]]), 0.0);
 }
 
 #[test]

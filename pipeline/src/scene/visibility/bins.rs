@@ -70,12 +70,12 @@ pub(crate) fn pixels(frame: &Frame, corners: &[[f64; 3]; 3]) -> Option<Span> {
     }
     let (mut low, mut high) = ([f64::INFINITY; 2], [f64::NEG_INFINITY; 2]);
     for c in corners {
-        let at = [frame.row(c[1] / c[2]), frame.column(c[0] / c[2])];
         for k in 0..2 {
-            low[k] = low[k].min(at[k]);
-            high[k] = high[k].max(at[k]);
+            low[k] = low[k].min(c[k] / c[2]);
+            high[k] = high[k].max(c[k] / c[2]);
         }
     }
+    let (low, high) = frame.places((low, high));
     // Pixel i has samples from i − ½ to i + ½. Casts limit to the range of usize.
     let range = |k: usize, n: usize| {
         let first = (low[k] - MARGIN_PX + 0.5).floor().max(0.0) as usize;
@@ -191,8 +191,9 @@ impl Found {
 /// Calls `found` for each cell of `span`, of `tiles` × `tiles` tiles, in which the triangle may have hits.
 fn divide(frame: &Frame, edges: &Edges, span: Span, tiles: usize, found: &mut impl FnMut(usize, usize)) {
     let cell = (tiles * TILE_PX) as f64;
-    let low = [frame.x(span.columns.0 as f64 * cell - 0.5), frame.y(span.rows.0 as f64 * cell - 0.5)];
-    let high = [frame.x(span.columns.1 as f64 * cell - 0.5), frame.y(span.rows.1 as f64 * cell - 0.5)];
+    let border = |row: usize, column: usize| [row as f64 * cell - 0.5, column as f64 * cell - 0.5];
+    let (low, high) =
+        frame.directions((border(span.rows.0, span.columns.0), border(span.rows.1, span.columns.1)));
     if !edges.may_hit(low, high) {
         return;
     }

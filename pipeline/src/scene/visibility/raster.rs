@@ -340,8 +340,10 @@ pub(crate) struct Row<'a> {
     pub(crate) active: &'a [u32],
     /// x of the samples of each group.
     pub(crate) x: &'a [[f64; GROUP]],
-    /// y of the samples of the groups of a pixel; of four pixels with one sample each.
+    /// y of the samples of the groups of a pixel, of four pixels with one sample each; or of each group, where y changes along a row.
     pub(crate) y: &'a [[f64; GROUP]],
+    /// Groups of a pixel.
+    pub(crate) of_pixel: usize,
     /// Binary logarithm of the pixels of a group, which are 1 or 4.
     pub(crate) group_shift: u32,
 }
@@ -358,6 +360,16 @@ pub(super) fn add_row<V: Lanes, const NEAREST: bool>(row: &Row<'_>, hits: &mut R
         let covered = (up(span.covered.0), down(span.covered.1));
         let covered = if covered.0 < covered.1 { covered } else { (end, end) };
         let label = V::splat(f64::from_bits(t.label.0));
+        if row.y.len() != row.of_pixel {
+            for group in first * row.of_pixel..end * row.of_pixel {
+                let (x, y) = (V::load(&row.x[group]), V::load(&row.y[group]));
+                if let Some(all) = Sides::new(&t.edges, y).hits(x) {
+                    let vergence = Plane::new(&t.edges, y).vergence(x);
+                    hits.add::<V, NEAREST>(group, vergence.and(all), label);
+                }
+            }
+            continue;
+        }
         for (k, y) in row.y.iter().enumerate() {
             let y = V::load(y);
             let plane = Plane::new(&t.edges, y);

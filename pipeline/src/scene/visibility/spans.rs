@@ -6,7 +6,7 @@
 //!
 //! The edge functions have the sign of the exact ones from a distance of 10⁻⁸ px of the side's line on: n = v_i × v_j has a rounding of 10⁻¹⁶ of each component, and
 //! a pixel is 10⁻⁶ or more. The columns are rounded by 1/64 px to the safe side, which is 10⁻⁶ px across a side of the largest slope, and 10⁻⁶ px in rows
-//! change them by less. No columns are known of triangles with a corner behind the camera or 10⁶ px away, and of those whose angles are below 10⁻⁶; steeper sides
+//! change them by less. No columns are known on a chart that is not planar, where sides are curved, of triangles with a corner behind the camera or 10⁶ px away, and of those whose angles are below 10⁻⁶; steeper sides
 //! than the largest slope have all their columns.
 
 use crate::scene::frame::Frame;
@@ -78,7 +78,7 @@ pub(super) struct Outline {
 impl Outline {
     /// Of the corners; `None` if no columns are known.
     pub(super) fn new(frame: &Frame, corners: &[[f64; 3]; 3]) -> Option<Self> {
-        if corners.iter().any(|c| c[2] <= 0.0) {
+        if frame.film.is_some() || corners.iter().any(|c| c[2] <= 0.0) {
             return None;
         }
         let [a, b, c] = corners.map(|c| [frame.row(c[1] / c[2]), frame.column(c[0] / c[2])]);

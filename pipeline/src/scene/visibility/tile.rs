@@ -24,9 +24,9 @@ pub(crate) struct TileScene {
     places: Vec<[f64; 2]>,
     /// First row and column, height, width in px.
     rect: (usize, usize, usize, usize),
-    /// x of the samples of each group.
+    /// x of the samples of each group; of a chart that is not planar, in a row.
     x: Vec<[f64; GROUP]>,
-    /// y of the samples of the groups of a pixel, in a row.
+    /// y of the samples of the groups of a pixel in a row; of a chart that is not planar, of each group.
     y: Vec<[f64; GROUP]>,
     triangles: Vec<TileTriangle>,
     /// Columns of the triangles, row by row.
@@ -81,8 +81,12 @@ impl TileScene {
         self.rect = bins.grid().rect(tile);
         let (row, column, height, width) = self.rect;
         let samples = self.places.len();
-        for (at, x) in self.x.as_flattened_mut().iter_mut().enumerate() {
-            *x = frame.x((column + at / samples) as f64 + self.places[at % samples][0]);
+        if frame.film.is_none() {
+            for (at, x) in self.x.as_flattened_mut().iter_mut().enumerate() {
+                *x = frame.x((column + at / samples) as f64 + self.places[at % samples][0]);
+            }
+        } else {
+            self.y.resize(self.x.len(), [0.0; GROUP]);
         }
         self.triangles.clear();
         self.spans.clear();
@@ -186,7 +190,8 @@ impl TileScene {
     #[inline]
     pub(crate) fn direction(&self, sample: usize, column: usize) -> (f64, f64) {
         let at = column * self.places.len() + sample;
-        (self.x[at / GROUP][at % GROUP], self.y[sample / GROUP][sample % GROUP])
+        let of_y = if self.y.len() == self.x.len() { at } else { sample };
+        (self.x[at / GROUP][at % GROUP], self.y[of_y / GROUP][of_y % GROUP])
     }
 
     /// Solids of the tile.
@@ -200,8 +205,18 @@ impl TileScene {
         if row == 0 {
             self.active.clear();
         }
-        for (at, y) in self.y.as_flattened_mut().iter_mut().enumerate() {
-            *y = frame.y((self.rect.0 + row) as f64 + self.places[at % self.places.len()][1]);
+        let samples = self.places.len();
+        let line = |at: usize, places: &[[f64; 2]]| (self.rect.0 + row) as f64 + places[at % samples][1];
+        if frame.film.is_none() {
+            for (at, y) in self.y.as_flattened_mut().iter_mut().enumerate() {
+                *y = frame.y(line(at, &self.places));
+            }
+        } else {
+            let all = self.x.as_flattened_mut().iter_mut().zip(self.y.as_flattened_mut());
+            for (at, (x, y)) in all.enumerate() {
+                let across = (self.rect.1 + at / samples) as f64 + self.places[at % samples][0];
+                (*x, *y) = frame.direction(line(at, &self.places), across);
+            }
         }
         let triangles = &self.triangles;
         self.active.retain(|&t| usize::from(triangles[t as usize].rows.1) > row);
@@ -220,6 +235,7 @@ impl TileScene {
             active: &self.active,
             x: &self.x,
             y: &self.y,
+            of_pixel: self.places.len().div_ceil(GROUP),
             group_shift: GROUP.div_ceil(self.places.len()).ilog2(),
         };
         engine.add_row(&row, kept, hits);
