@@ -151,6 +151,14 @@ kind = "rms-spot"
 CAMERA = (ROOT / "formats/data/sensors/ideal-mono.toml").read_text() + "\n[angle]\nstack_index = 1.5\nacceptance_deg = 25\n"
 
 
+def around(path, _):
+    """A picture of 360 x 180 degrees: a blue sky, brighter towards the horizon, over a dark ground."""
+    rows = np.linspace(1, -1, 64)[:, None, None]
+    sky, ground = np.array([90, 140, 220]) + 100 * (1 - rows.clip(0)), np.array([70, 60, 50])
+    colours = np.where(rows > 0, sky, ground).clip(0, 255) + np.zeros((64, 128, 3))
+    Image.fromarray(colours.astype("u1")).save(path)
+
+
 def recipe(path, _):
     """The recipe of the page of data sets, with fewer samples, and its pictures with labels and masks."""
     page = (ROOT / "src/manual/guide/datasets.md").read_text()
@@ -172,6 +180,7 @@ MAKERS = {
     "recipe.toml": recipe,
     "cube.zarr": cube_zarr,
     "room.glb": mesh,
+    "sky.png": around,
     "chart.zarr": chart_zarr,
     "scene.zarr": scene_zarr,
     "film.zarr": film_zarr,
@@ -236,7 +245,7 @@ PAGES = {
     "lenses.md": ["MY.zmx", "SECRET.zmx", "TILTED.zmx", "chart.zarr", "tables"],
     "light.md": ["chart.zarr"],
     "restoration.md": ["film.zarr", "raw.zarr"],
-    "scenes.md": ["room.glb"],
+    "scenes.md": ["room.glb", "sky.png"],
     "tolerances.md": ["chart.zarr", "tol.toml", "MY.zmx"],
 }
 

@@ -163,14 +163,21 @@ pub struct LookArgs {
     /// Even light from all directions, with shadows: lx on an open surface
     #[arg(long, allow_negative_numbers = true, value_name = "LX", value_parser = positive)]
     pub sky: Option<f64>,
-    /// Directions in which the sky is sampled: 1, 4, 16 or 64 [default: 64]
+    /// Directions in which the sky and the environment are sampled: 1, 4, 16 or 64 [default: 64]
     #[arg(long, value_name = "N", value_parser = samples)]
     pub sky_samples: Option<usize>,
+    /// Light from all directions, with shadows: a picture of 360 x 180 degrees (OpenEXR, or PNG, JPEG, TIFF in sRGB), north in the middle; lx on an open horizontal
+    /// surface [default: --illuminance]
+    #[arg(long, value_name = "FILE[,LX]", value_parser = environment)]
+    pub environment: Option<EnvironmentArg>,
+    /// Turns the picture of --environment clockwise, seen from above, degrees
+    #[arg(long, value_name = "DEG", value_parser = turn, allow_hyphen_values = true, requires = "environment")]
+    pub environment_azimuth: Option<f64>,
     /// Lamps of the file (KHR_lights_punctual): file
     #[arg(long, value_parser = one_of(LIGHTS))]
     pub lights: Option<LightsArg>,
-    /// What is behind all surfaces: none (black), or its luminance in cd/m²
-    #[arg(long, allow_negative_numbers = true, value_name = "CD_PER_M2|none", value_parser = background, default_value = "none")]
+    /// What is behind all surfaces: none (black), its luminance in cd/m², or environment
+    #[arg(long, allow_negative_numbers = true, value_name = "CD_PER_M2|none|environment", value_parser = background, default_value = "none")]
     pub background: BackgroundArg,
     /// Distance of the background, m [default: inf]
     #[arg(long, value_name = "M", value_parser = focus_m)]
@@ -352,6 +359,17 @@ pub enum BackgroundArg {
     None,
     /// Luminance, cd/m².
     Luminance(f64),
+    /// The picture of `--environment`.
+    Environment,
+}
+
+/// `--environment`.
+#[derive(Clone, Debug, PartialEq)]
+pub struct EnvironmentArg {
+    /// The picture.
+    pub path: PathBuf,
+    /// Illuminance of an open horizontal surface, lx.
+    pub illuminance_lx: Option<f64>,
 }
 
 /// Three coordinates.
@@ -404,9 +422,31 @@ fn sun(text: &str) -> Result<SunArg, String> {
 fn background(text: &str) -> Result<BackgroundArg, String> {
     match text {
         "none" => Ok(BackgroundArg::None),
+        "environment" => Ok(BackgroundArg::Environment),
         _ => match positive(text) {
             Ok(luminance) => Ok(BackgroundArg::Luminance(luminance)),
-            Err(e) => Err(format!("{e}, or none")),
+            Err(e) => Err(format!("{e}, none or environment")),
         },
+    }
+}
+
+/// `FILE`, or `FILE,LX`: what follows the last comma is an illuminance if it is a number.
+fn environment(text: &str) -> Result<EnvironmentArg, String> {
+    if let Some((path, lx)) = text.rsplit_once(',')
+        && let Ok(lx) = number(lx)
+    {
+        return match lx > 0.0 && !path.is_empty() {
+            true => Ok(EnvironmentArg { path: path.into(), illuminance_lx: Some(lx) }),
+            false => Err(format!("`{text}`: expected a file and an illuminance in lx above 0")),
+        };
+    }
+    Ok(EnvironmentArg { path: text.into(), illuminance_lx: None })
+}
+
+fn turn(text: &str) -> Result<f64, String> {
+    let degrees: f64 = number(text)?;
+    match degrees.abs() <= 360.0 {
+        true => Ok(degrees),
+        false => Err(format!("`{text}`: expected -360 to 360 degrees")),
     }
 }

@@ -153,10 +153,12 @@ fn of_scene(args: &SceneArgs) -> Guard {
     reads_look(guard, &args.look).may_write("SCENE", args.out.as_ref())
 }
 
-/// Adds the tables of spectra.
+/// Adds the tables of spectra and the picture of the light around.
 fn reads_look(guard: Guard, look: &LookArgs) -> Guard {
     let files = look.materials().filter_map(|(_, parts)| Some(parts?.1));
     let guard = files.fold(guard, |guard, file| guard.reads_text("spectrum", file));
+    let around = look.environment.iter();
+    let guard = around.fold(guard, |guard, of| guard.reads("--environment", &of.path));
     look.illuminant_file().into_iter().fold(guard, |guard, file| guard.reads_text("illuminant", file))
 }
 

@@ -6,6 +6,7 @@
 
 mod chart_frame;
 mod done;
+mod environment;
 mod illuminant;
 mod job;
 mod light;

@@ -1,5 +1,6 @@
 //! Scenes of meshes: values, bytes for any threads and memory, kills, refusals, the film of a scene.
 
+mod environment;
 mod projection;
 
 use crate::common::{CommandResult, assert_error_line, assert_exit, bits, files, lenscube, pixels, text};
@@ -299,7 +300,7 @@ fn what_cannot_be_is_refused_before_anything_is_written() {
         (
             &mesh,
             &[&lens, &unit, &looking, &["--sky-samples", "4"]],
-            &["--sky-samples", "--sky, which is not given"],
+            &["--sky-samples", "--sky and --environment, of which none is given"],
         ),
         (&place.at("binary.obj"), &[&lens, &unit, &looking], &["binary.obj", "rename it to .glb"]),
         (

@@ -18,6 +18,7 @@ pub use request::{AppearanceError, AppearanceRequest, Assigned, Background, mate
 
 use super::description::{AlphaMode, Part, TextureUse};
 use super::frame::Frame;
+use super::light::environment::Environment;
 use super::light::shadow::{Occluders, Triangles};
 use super::light::{Lighting, ShadowRay, Site};
 use super::shading::{SampleHit, Shader};
@@ -88,10 +89,16 @@ impl<T: Triangles> Appearance<'_, T> {
         self.clipped.load(Relaxed)
     }
 
-    /// Bytes of textures and of the hierarchy for shadows.
+    /// Bytes of textures, of the map of the light around and of the hierarchy for shadows.
     pub fn bytes(&self) -> usize {
         let textures: usize = self.textures.iter().map(Pyramid::bytes).sum();
-        textures + self.occluders.as_ref().map_or(0, Occluders::bytes)
+        let map = self.lighting.environment().map_or(0, Environment::bytes);
+        textures + map + self.occluders.as_ref().map_or(0, Occluders::bytes)
+    }
+
+    /// The map of the light around, if there is one.
+    pub fn environment(&self) -> Option<&Environment> {
+        self.lighting.environment()
     }
 
     /// Whether there is a surface behind all triangles.
@@ -99,11 +106,11 @@ impl<T: Triangles> Appearance<'_, T> {
         self.background != Background::None
     }
 
-    /// Adds the weights of the background to `sums`, one per basis.
+    /// Adds the weights of the background, where they are the same in all directions, to `sums`, one per basis.
     pub fn add_background(&self, sums: &mut [f64]) {
         let unit = self.lighting.weight_of_luminance();
         match self.background {
-            Background::None => {}
+            Background::None | Background::Environment => {}
             Background::Luminance(cd_per_m2) => {
                 sums[..COLOURS].iter_mut().for_each(|w| *w += unit * cd_per_m2)
             }
@@ -193,6 +200,15 @@ impl<T: Triangles> Shader for Appearance<'_, T> {
         let count = if first == 0 { COLOURS } else { 1 };
         weights[first..][..count].copy_from_slice(&values[..count]);
         true
+    }
+
+    fn add_background_at(&self, x: f64, y: f64, sums: &mut [f64]) {
+        let map = self.lighting.environment().filter(|_| self.background == Background::Environment);
+        if let Some(map) = map {
+            let unit = self.lighting.weight_of_luminance();
+            let light = map.luminance([x, y, 1.0]);
+            sums.iter_mut().zip(light).for_each(|(sum, luminance)| *sum += unit * luminance);
+        }
     }
 
     fn add_weights(&self, triangle: u32, hits: &[SampleHit], sums: &mut [f64]) {

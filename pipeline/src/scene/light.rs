@@ -1,4 +1,4 @@
-//! Light on a surface: sun, sky, lights of the file, with shadows.
+//! Light on a surface: sun, sky, a map of all directions ([`environment`]), lights of the file, with shadows.
 //!
 //! ```text
 //! w_l = Σ_sources (E_i/E_v)·max(0, n·l_i)·vis_i  +  1/M Σ_m (E_sky/E_v + π L_env(d_m)/E_v)·vis_m
@@ -11,6 +11,7 @@
 //! Left out: light that a surface reflects onto another; the size of the sun. Sources of range and cone: `KHR_lights_punctual` of glTF 2.0.
 
 mod directions;
+pub mod environment;
 mod request;
 pub mod shadow;
 
@@ -20,6 +21,7 @@ pub use request::{LightError, LightRequest, Sun};
 use super::vector::{dot, scaled};
 use super::weights::LightSpectrum;
 use directions::tangents;
+use environment::Environment;
 
 /// Where light falls.
 #[derive(Clone, Copy, Debug)]
@@ -69,6 +71,8 @@ pub struct Lighting {
     sources: Vec<(Source, usize)>,
     /// E_sky/E_v.
     sky: f64,
+    /// The light around, and the numbers of the spectra of its red, green and blue.
+    environment: Option<(Environment, [usize; 3])>,
     directions: Vec<[f64; 3]>,
     is_even: bool,
 }
@@ -81,6 +85,7 @@ impl Lighting {
             spectra: vec![LightSpectrum::Illuminant],
             sources: Vec::new(),
             sky: 0.0,
+            environment: None,
             directions: Vec::new(),
             is_even: true,
         }
@@ -99,6 +104,11 @@ impl Lighting {
     /// Weight of a luminance of 1 cd/m² in the basis of the illuminant: π/E_v.
     pub fn weight_of_luminance(&self) -> f64 {
         std::f64::consts::PI / self.illuminance_lx
+    }
+
+    /// The light around, if there is a map of it.
+    pub fn environment(&self) -> Option<&Environment> {
+        self.environment.as_ref().map(|(map, _)| map)
     }
 
     /// Rays to sources from one place.
@@ -157,6 +167,11 @@ impl Lighting {
                 continue;
             }
             open += 1;
+            if let Some((map, spectra)) = &self.environment {
+                let of_direction = self.weight_of_luminance() / self.directions.len() as f64;
+                let light = map.mean_luminance(direction);
+                spectra.iter().zip(light).for_each(|(s, luminance)| sums[*s] += luminance * of_direction);
+            }
         }
         sums[0] += self.sky * (open as f64 / self.directions.len() as f64);
     }

@@ -28,6 +28,8 @@ pub trait Shader: Sync {
     fn even_weights(&self, _triangle: u32, _weights: &mut [f64]) -> bool {
         false
     }
+    /// Adds to `sums` the weights of the background in the direction (x, y, 1) that are not the same in all directions.
+    fn add_background_at(&self, _x: f64, _y: f64, _sums: &mut [f64]) {}
     /// Adds to `sums` (one per basis) the weights of the hits of one triangle in one sheet of one pixel, summed over the hits.
     fn add_weights(&self, triangle: u32, hits: &[SampleHit], sums: &mut [f64]);
 }

@@ -2,7 +2,7 @@
 
 use super::illuminant::illuminant;
 use super::prepared::Prepared;
-use crate::args::{LightsArg, MissingTextures, ReachArg, SceneArgs, SolidsArg};
+use crate::args::{BackgroundArg, LightsArg, MissingTextures, ReachArg, SceneArgs, SolidsArg};
 use crate::failure::usage;
 use crate::film::digest;
 use anyhow::Result;
@@ -75,7 +75,8 @@ impl SceneJob {
             Some(ReachArg::Pixels(px)) => Some(px),
             Some(ReachArg::All) => None,
         };
-        let identity = identity(args, prepared, assigned, &light, &settings, reach_px);
+        let around = environment(args, appearance);
+        let identity = identity(args, prepared, assigned, &light, &settings, (reach_px, around));
         let attributes = attributes(args, prepared, &light, &settings);
         Ok(Self { identity, spec, settings, reach_px, light, attributes })
     }
@@ -151,7 +152,7 @@ fn identity(
     assigned: &[Assigned],
     light: &SceneLight,
     settings: &Settings,
-    reach_px: Option<usize>,
+    (reach_px, around): (Option<usize>, Option<Value>),
 ) -> Map<String, Value> {
     let sources: Vec<Value> =
         prepared.sources.iter().map(|s| json!([s.bytes, s.blake3.to_hex().as_str()])).collect();
@@ -188,6 +189,9 @@ fn identity(
     };
     map.extend(light.attributes());
     // Absent without: the identity is then that of programs without these options.
+    if let Some(around) = around {
+        map.insert("environment".into(), around);
+    }
     if let Projection::Film(film) = prepared.pinhole.projection {
         map.insert("projection".into(), json!([film.radius_mm, film.coefficients]));
     }
@@ -197,6 +201,24 @@ fn identity(
         }
     }
     map
+}
+
+/// The light around the scene, by the content of its picture.
+fn environment(args: &SceneArgs, appearance: &Appearance<'_, Mesh>) -> Option<Value> {
+    let given = args.look.environment.as_ref()?;
+    let ((height, width), values) = appearance.environment()?.map();
+    let mut hash = blake3::Hasher::new();
+    values.iter().flatten().for_each(|v| {
+        hash.update(&v.to_le_bytes());
+    });
+    Some(json!({
+        "size": [height, width],
+        "blake3": hash.finalize().to_hex().as_str(),
+        "illuminance_lx": given.illuminance_lx.unwrap_or(args.look.illuminance),
+        "azimuth_deg": args.look.environment_azimuth.unwrap_or(0.0),
+        "samples": args.look.sky_directions(),
+        "is_background": args.look.background == BackgroundArg::Environment,
+    }))
 }
 
 /// What the scene says of itself beside its layout.

@@ -1,5 +1,6 @@
 //! What surfaces look like: materials with their spectra, textures, and the light of the scene.
 
+use super::environment::environment;
 use super::illuminant::spectrum;
 use super::prepared::{Prepared, check_memory};
 use crate::args::{BackgroundArg, SceneArgs};
@@ -31,6 +32,10 @@ pub fn appearance<'a>(
     let background = match args.look.background {
         BackgroundArg::None => Background::None,
         BackgroundArg::Luminance(luminance) => Background::Luminance(luminance),
+        BackgroundArg::Environment if args.look.environment.is_none() => {
+            return Err(usage("--background environment: give the picture by --environment"));
+        }
+        BackgroundArg::Environment => Background::Environment,
     };
     let request = AppearanceRequest {
         triangles: &prepared.mesh,
@@ -83,8 +88,10 @@ pub fn assigned_spectra(args: &SceneArgs, prepared: &Prepared) -> Result<Vec<Ass
 
 fn lighting(args: &SceneArgs, prepared: &Prepared) -> Result<Lighting> {
     let look = &args.look;
-    if look.sky_samples.is_some() && look.sky.is_none() {
-        return Err(usage("--sky-samples is the number of directions of --sky, which is not given"));
+    if look.sky_samples.is_some() && look.sky.is_none() && look.environment.is_none() {
+        return Err(usage(
+            "--sky-samples is the number of directions of --sky and --environment, of which none is given",
+        ));
     }
     let lights: &[Light] = match look.lights {
         None => &[],
@@ -98,17 +105,19 @@ fn lighting(args: &SceneArgs, prepared: &Prepared) -> Result<Lighting> {
         elevation_deg: sun.elevation_deg,
         illuminance_lx: sun.illuminance_lx.unwrap_or(look.illuminance),
     });
-    if sun.is_none() && look.sky.is_none() && lights.is_empty() {
+    if sun.is_none() && look.sky.is_none() && look.environment.is_none() && lights.is_empty() {
         return Ok(Lighting::even(look.illuminance));
     }
+    let horizon = Horizon::new(&prepared.pose, prepared.up);
+    let environment = environment(look, &prepared.limit, horizon)?;
     let request = LightRequest {
         illuminance_lx: look.illuminance,
         sun,
         sky_lx: look.sky,
         lights,
         unit_m: prepared.unit_m,
+        environment,
         sky_samples: look.sky_directions(),
     };
-    let horizon = Horizon::new(&prepared.pose, prepared.up);
     Lighting::new(request, &prepared.pose, &horizon).map_err(|e| usage(e.to_string()))
 }

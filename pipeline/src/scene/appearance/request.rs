@@ -32,6 +32,8 @@ pub enum Background {
     None,
     /// White of this luminance, cd/m².
     Luminance(f64),
+    /// The map of the light around; black without one.
+    Environment,
 }
 
 /// All that determines the weights.

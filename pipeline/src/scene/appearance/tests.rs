@@ -37,7 +37,15 @@ fn appearance<'a>(
 }
 
 fn light(sun: Option<Sun>, sky_lx: Option<f64>) -> LightRequest<'static> {
-    LightRequest { illuminance_lx: 1000.0, sun, sky_lx, lights: &[], unit_m: 1.0, sky_samples: 64 }
+    LightRequest {
+        illuminance_lx: 1000.0,
+        sun,
+        sky_lx,
+        lights: &[],
+        unit_m: 1.0,
+        environment: None,
+        sky_samples: 64,
+    }
 }
 
 fn lighting(request: LightRequest<'_>) -> Lighting {

@@ -1,5 +1,6 @@
 //! Light as it is requested, in lux, candela and degrees, and as a file describes it.
 
+use super::environment::Environment;
 use super::{Cone, Lighting, Source, cosine_directions};
 use crate::real;
 use crate::scene::description::{Light, LightKind};
@@ -32,7 +33,9 @@ pub struct LightRequest<'a> {
     pub lights: &'a [Light],
     /// Length of a unit of the file's coordinates, m.
     pub unit_m: f64,
-    /// Directions in which the sky is sampled: 1, 4, 16 or 64.
+    /// A map of the light from all directions.
+    pub environment: Option<Environment>,
+    /// Directions in which the sky and the map are sampled: 1, 4, 16 or 64.
     pub sky_samples: usize,
 }
 
@@ -95,7 +98,11 @@ impl Lighting {
         if let Some(lx) = request.sky_lx {
             all.sky = at_least_zero("the illuminance of the sky in lx", lx)? / e_v;
         }
-        let has_sky = request.sky_lx.is_some();
+        let has_sky = request.sky_lx.is_some() || request.environment.is_some();
+        if let Some(map) = request.environment {
+            let primaries = [[1.0, 0.0, 0.0], [0.0, 1.0, 0.0], [0.0, 0.0, 1.0]];
+            all.environment = Some((map, primaries.map(|colour| all.spectrum_of(colour))));
+        }
         all.is_even = !has_sky && request.sun.is_none() && request.lights.is_empty();
         if has_sky {
             let error = || LightError::Value {

@@ -1,6 +1,7 @@
 //! Light on a place against closed forms.
 
 use super::directions::tangents;
+use super::environment::Environment;
 use super::*;
 use crate::scene::description::{Light, LightKind};
 use crate::scene::horizon::{Horizon, UpAxis};
@@ -13,6 +14,7 @@ fn horizon() -> Horizon {
 
 fn request() -> LightRequest<'static> {
     LightRequest {
+        environment: None,
         illuminance_lx: 1000.0,
         sun: None,
         sky_lx: None,
@@ -138,6 +140,29 @@ fn an_open_sky_is_exact_and_half_of_one_within_3_percent() {
         worst = worst.max((half - 0.5).abs());
     }
     assert!(worst <= 0.03 + 1e-12, "{worst}");
+}
+
+/// A white map lights as an open sky, each of its three parts alone; a map lit in the north lights what faces north.
+#[test]
+fn a_map_lights_from_its_directions() {
+    let of = |value: &dyn Fn(usize) -> f32| {
+        let values = (0..36 * 72).map(|k| [value(k % 72); 3]).collect();
+        let map = Environment::new((36, 72), values, 3000.0, (horizon(), 0.0)).unwrap();
+        lighting(LightRequest { environment: Some(map), ..request() })
+    };
+    let white = of(&|_| 0.7);
+    assert_eq!((white.spectra().len(), white.rays_per_site(), white.is_even()), (4, 64, false));
+    let found = sums(&white, &site([0.0, 1.0, 0.0]), |_| false);
+    assert!(found[0] == 0.0 && found[1..].iter().all(|v| (v - 3.0).abs() < 1e-4), "{found:?}");
+    assert_eq!(sums(&white, &site([0.0, 1.0, 0.0]), |_| true), [0.0; 4]);
+    // North is in the middle of the map, 60 degrees wide here; a camera without rotation looks there.
+    let north = of(&|column| if (30..42).contains(&column) { 1.0 } else { 0.0 });
+    let facing = |normal: [f64; 3]| sums(&north, &site(normal), |_| false)[1];
+    let horizon = horizon();
+    let (to, away) = (facing(horizon.direction(0.0, 0.0)), facing(horizon.direction(180.0, 0.0)));
+    // Of luminance L: ∫∫ L cos²(elevation) cos(azimuth) = L π/2 on a wall that faces it; L π/6 on the ground, which has 3 (of 1000 lx).
+    let expected = 9.0;
+    assert!(away == 0.0 && (to / expected - 1.0).abs() < 0.1, "{to} {expected}");
 }
 
 fn point(kind: LightKind, intensity: f64, colour: [f32; 3]) -> Light {

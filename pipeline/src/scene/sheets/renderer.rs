@@ -348,6 +348,8 @@ impl<'a> Renderer<'a> {
                     _ if is_other => {}
                     Some(background) if number == BACKGROUND => {
                         sums.iter_mut().zip(&background.weights).for_each(|(sum, w)| *sum += w);
+                        let (x, y) = directions[sample as usize];
+                        self.shader.add_background_at(x, y, sums);
                     }
                     _ => hits.push(of(sample, surface)),
                 }

@@ -7,7 +7,7 @@ use std::fmt;
 pub struct Background {
     /// Its vergence, 1/m; 0 is infinity.
     pub vergence: f64,
-    /// Its weights, one per basis.
+    /// Its weights, one per basis, that are the same in all directions.
     pub weights: Vec<f64>,
 }
 
