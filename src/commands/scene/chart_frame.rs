@@ -14,7 +14,8 @@ use std::sync::Arc;
 /// Pixels of a chart over those of its film from which on it is refused.
 const LARGER_THAN_FILM: f64 = 4.0;
 
-/// The pinhole of `system`, in focus, for the film of `args` and surfaces of the vergences `range`, 1/m.
+/// The pinhole of `system`, in focus, for the film of `args` and surfaces of the vergences `range`, 1/m. Of a chart in the projection of the film the margin is as wide as its
+/// corners see less than [`MAX_DEG`].
 ///
 /// # Errors
 /// The film is beyond the lens's field.
@@ -23,8 +24,32 @@ pub fn pinhole(args: &SceneArgs, system: &System, range: Option<(f64, f64)>) -> 
         Some(ProjectionArg::Film) => Pinhole::on_film,
         None | Some(ProjectionArg::Planar) => Pinhole::new,
     };
-    camera(system, args.film_size, args.film_pitch_um, range)
-        .with_context(|| format!("camera of {}", args.lens))
+    let mut pinhole = camera(system, args.film_size, args.film_pitch_um, range)
+        .with_context(|| format!("camera of {}", args.lens))?;
+    while pinhole.overscan_px > 0 && corner_deg(&pinhole) > MAX_DEG {
+        pinhole.overscan_px -= 1;
+        let side = |film: usize| film + 2 * pinhole.overscan_px;
+        pinhole.size = Size::new(side(args.film_size.height), side(args.film_size.width));
+    }
+    Ok(pinhole)
+}
+
+/// A note on a margin that is narrower than the blur.
+pub fn margin_note(pinhole: &Pinhole) -> Option<String> {
+    (pinhole.overscan_px < pinhole.margin_px).then(|| {
+        format!(
+            "the chart reaches {} px beyond the film, its corners then see {MAX_DEG} deg from the axis; blur of {} px would reach farther: there the film shows the chart's border (--surround)",
+            pinhole.overscan_px, pinhole.margin_px
+        )
+    })
+}
+
+/// Angle from the axis of the corners of a chart in the projection of the film, degrees; 0 of a planar one.
+fn corner_deg(pinhole: &Pinhole) -> f64 {
+    match pinhole.projection {
+        Projection::Planar => 0.0,
+        Projection::Film(film) => film.angle_rad(pinhole.corner_mm()).to_degrees(),
+    }
 }
 
 /// The chart of `pinhole`, with pixels `step` times as large.
@@ -39,8 +64,8 @@ pub fn frame(args: &SceneArgs, pinhole: &Pinhole, step: f64) -> Result<Frame> {
     let reach_mm = pinhole.corner_mm();
     let film = FilmDirections::new(projection, reach_mm).ok_or_else(|| {
         usage(format!(
-            "--projection film: the corners of the chart see {:.1} deg from the axis, of at most {MAX_DEG}: a smaller --film-size, or a --depths-m with less blur",
-            projection.angle_rad(reach_mm).to_degrees()
+            "--projection film: the corners of the film see {:.1} deg from the axis, of at most {MAX_DEG}: a smaller --film-size",
+            corner_deg(pinhole)
         ))
     })?;
     Ok(Frame { film: Some(Arc::new(film)), ..planar })
@@ -52,7 +77,7 @@ pub fn frame(args: &SceneArgs, pinhole: &Pinhole, step: f64) -> Result<Frame> {
 /// Usage.
 pub fn check_size(args: &SceneArgs, pinhole: &Pinhole) -> Result<()> {
     let Size { height, width } = args.film_size;
-    let distortion_px = 2 * (pinhole.overscan_px - pinhole.margin_px);
+    let distortion_px = 2 * pinhole.overscan_px.saturating_sub(pinhole.margin_px);
     let ratio = (height + distortion_px) as f64 * (width + distortion_px) as f64 / (height * width) as f64;
     match args.view.projection {
         None if ratio >= LARGER_THAN_FILM => Err(usage(format!(

@@ -1,6 +1,6 @@
 //! The mesh before the camera of a lens, and the frame of the chart.
 
-use super::chart_frame::{check_size, frame, pinhole};
+use super::chart_frame::{check_size, frame, margin_note, pinhole};
 use super::illuminant::illuminant;
 use super::seen::Seen;
 use crate::args::{MeshUnit, MissingTextures, SceneArgs, SolidsArg, UpAxisArg};
@@ -129,6 +129,7 @@ impl Prepared {
         if let Some(camera) = camera {
             notes.extend(field_note(args, camera, &pinhole));
         }
+        notes.extend(margin_note(&pinhole));
         let frame = frame(args, &pinhole, 1.0)?;
         let camera = camera.map(|camera| camera.name.clone());
         let (threads, textures) = (threads(args.threads), scene.textures.len());

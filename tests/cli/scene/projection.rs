@@ -1,7 +1,7 @@
 //! Scenes in the projection of the film: fisheyes.
 
 use super::{OTHER_JOB, Obj, Place, USAGE};
-use crate::common::{CommandResult, assert_error_line, lenscube, pixels, text};
+use crate::common::{CommandResult, assert_error_line, assert_exit, lenscube, pixels, text};
 use formats::lens::LensPack;
 use pipeline::lens::linear;
 use std::fmt::Write;
@@ -120,6 +120,15 @@ fn wide_fields_need_the_projection_of_the_film() {
     lenscube(&["verify", text(&out), "--quiet"]).ok();
     let info = run(&["--projection", "film", "--info"]).ok().stdout;
     assert!(info.contains("projection of the film"), "{info}");
+    // The film's corners see 85 degrees; with the margin they would see more than 90.
+    let whole: Vec<&str> = wide
+        .iter()
+        .map(|w| if *w == "320x320" { "353x353" } else { w })
+        .filter(|w| *w != "--quiet")
+        .collect();
+    let near = ["--projection", "film", "--depths-m", "1:inf"];
+    let whole = lenscube(&[&["scene", text(&mesh), text(&place.at("w.zarr"))], &whole[..], &near].concat());
+    assert_exit(&whole, 0, &["px beyond the film", "89.5 deg"]);
     // Beyond the field there is no projection.
     let beyond: Vec<&str> =
         wide.iter().map(|word| if *word == "320x320" { "400x400" } else { word }).collect();
