@@ -70,7 +70,9 @@ fn report_files_are_complete_and_missed_limit_exits_4() {
     }
     // One band is not the film of the paper.
     assert!(!report.contains("98.7 %") && summary["paper"].is_null(), "{summary}");
-    assert!(stderr.contains("worst of 1 band:") && stderr.lines().count() <= 6, "{stderr}");
+    // Progress has as many lines as the run takes time.
+    let told = stderr.lines().filter(|line| !line.starts_with("validating: ")).count();
+    assert!(stderr.contains("worst of 1 band:") && told <= 6, "{stderr}");
     assert_eq!(report.matches("<svg").count(), report.matches("</svg>").count());
     for name in ["ri", "departure", "distortion", "esf", "mtf"] {
         let csv = fs::read_to_string(out.join(format!("curves/{name}.csv"))).unwrap();
