@@ -10,6 +10,7 @@ use super::inputs::Inputs;
 use crate::args::RunArgs;
 use pipeline::geometry::{Frame, Rect, Size};
 use pipeline::lens::LensBand;
+use pipeline::projection::Projection;
 use pipeline::resample::Surround;
 use pipeline::stage::Stage;
 use std::fmt::{self, Display, Formatter};
@@ -49,12 +50,14 @@ impl Coverage {
         let (cy, cx) = frame.center_mm;
         let regions: Vec<Rect> = plan.regions.iter().map(|r| r.rect).collect();
         let band = plan.bands.first().map(|b| &b.lens).filter(|_| args.stages.contains(&Stage::Distortion));
-        let corner_mm = frame.projection.ideal_mm((cx.abs() + mm.0 / 2.0).hypot(cy.abs() + mm.1 / 2.0));
+        let corner_mm = (cx.abs() + mm.0 / 2.0).hypot(cy.abs() + mm.1 / 2.0);
+        // Of the ideal image plane.
+        let field_mm = inputs.field_height_mm.filter(|_| frame.projection == Projection::Planar);
         Self {
             chart: frame.chart,
             mm,
             degrees: lens.object_distance_mm.is_none().then(|| (angle(mm.0, cx), angle(mm.1, cy))),
-            field: inputs.field_height_mm.map(|field_mm| (corner_mm / field_mm, 2.0 * field_mm)),
+            field: field_mm.map(|field_mm| (corner_mm / field_mm, 2.0 * field_mm)),
             beyond: share_beyond(frame, &regions, band),
         }
     }
