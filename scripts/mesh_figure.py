@@ -3,17 +3,16 @@
 
     python3 scripts/mesh_figure.py LENSCUBE [scripts/readme/pawns.png]
 
-The mesh is written here: pawns are surfaces of revolution, closed, so that behind their blurred rims the board is seen. Needs NumPy.
+The mesh is written here: pawns are surfaces of revolution, closed, so that behind their blurred rims the board is seen. Needs NumPy and Pillow.
 """
 
-import struct
 import subprocess
 import sys
 import tempfile
-import zlib
 from pathlib import Path
 
 import numpy as np
+from PIL import Image
 
 WIDTH, HEIGHT, PITCH_UM = 480, 376, 8
 GAP = 8
@@ -81,37 +80,6 @@ def mesh(path):
     (path.parent / "pawns.mtl").write_text("".join(colours))
 
 
-def read_png(path):
-    """An RGB image of 8 bits as PNG has it."""
-    data, at, packed = path.read_bytes(), 8, b""
-    while at < len(data):
-        length, name = struct.unpack(">I4s", data[at : at + 8])
-        if name == b"IHDR":
-            width, height, depth, colour = struct.unpack(">IIBB", data[at + 8 : at + 18])
-            assert (depth, colour) == (8, 2)
-        packed += data[at + 8 : at + 8 + length] if name == b"IDAT" else b""
-        at += 12 + length
-    lines = np.frombuffer(zlib.decompress(packed), np.uint8).reshape(height, 1 + 3 * width)
-    above, image = [0] * (3 * width), []
-    for line in lines:
-        kind, row = int(line[0]), line[1:].tolist()
-        for i in range(3 * width):
-            a, b, c = (row[i - 3] if i > 2 else 0), above[i], (above[i - 3] if i > 2 else 0)
-            nearest = min((abs(b - c), 0, a), (abs(a - c), 1, b), (abs(a + b - 2 * c), 2, c))[2]
-            row[i] = (row[i] + (0, a, b, (a + b) // 2, nearest)[kind]) % 256
-        above = row
-        image.append(row)
-    return np.array(image, np.uint8).reshape(height, width, 3)
-
-
-def png(pixels):
-    """An RGB image as PNG."""
-    rows = b"".join(b"\0" + row.tobytes() for row in pixels)
-    chunk = lambda name, data: struct.pack(">I", len(data)) + name + data + struct.pack(">I", zlib.crc32(name + data))  # noqa: E731
-    head = struct.pack(">IIBBBBB", pixels.shape[1], pixels.shape[0], 8, 2, 0, 0, 0)
-    return b"\x89PNG\r\n\x1a\n" + chunk(b"IHDR", head) + chunk(b"IDAT", zlib.compress(rows, 9)) + chunk(b"IEND", b"")
-
-
 def main():
     program, out = sys.argv[1], Path(sys.argv[2] if len(sys.argv) > 2 else "scripts/readme/pawns.png")
     with tempfile.TemporaryDirectory() as folder:
@@ -122,9 +90,9 @@ def main():
             view = ["--mesh-unit", "m", "--eye", f"0,{EYE_M},0", "--target", "0,0.026,-5.7", "--sun", "120,40,60000", "--sky", "15000", "--sky-samples", "16"]
             run("run", "pawns.obj", f"{k}.zarr", *lens, *view, "--wavelengths", "400:700:50")
             run("export", f"{k}.zarr", f"{k}.png")
-        panels = [read_png(Path(folder) / f"{k}.png") for k in range(len(FOCUS_M))]
+        panels = [np.array(Image.open(Path(folder) / f"{k}.png")) for k in range(len(FOCUS_M))]
     white = np.full((HEIGHT, GAP, 3), 255, np.uint8)
-    out.write_bytes(png(np.concatenate([panels[0], white, panels[1]], 1)))
+    Image.fromarray(np.concatenate([panels[0], white, panels[1]], 1)).save(out, optimize=True)
 
 
 main()
