@@ -16,6 +16,8 @@
 use crate::real;
 use std::f64::consts::{FRAC_PI_2, PI};
 
+/// Largest angle from the axis of a place of a chart in the projection of the film, degrees.
+pub const MAX_DEG: f64 = 89.5;
 /// Coefficients of θ/r.
 pub const COEFFICIENTS: usize = 20;
 /// Steps of Newton's iteration, and the error at which it ends, of the height.

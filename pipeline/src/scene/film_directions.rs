@@ -9,11 +9,9 @@
 //! holds the other way.
 
 use super::frame::Bounds;
-use crate::projection::{FilmProjection, Projection};
+use crate::projection::{FilmProjection, MAX_DEG, Projection};
 use crate::real;
 
-/// Largest angle from the axis of a place of a chart, degrees.
-pub const MAX_DEG: f64 = 89.5;
 /// Points of the table.
 const POINTS: usize = 1 << 16;
 /// Points of the table between those at which extrema of t are looked for.
@@ -29,8 +27,9 @@ pub struct FilmDirections {
     per_mm: f64,
     /// t at multiples of the distance of two points.
     scale: Vec<f64>,
-    /// Heights of the extrema of t, mm.
+    /// Heights of the extrema of t, mm, and the tangents of their angles.
     turns_mm: Vec<f64>,
+    turns_tan: Vec<f64>,
 }
 
 impl FilmDirections {
@@ -45,9 +44,10 @@ impl FilmDirections {
         let scale: Vec<f64> = (0..POINTS).map(at).collect();
         let coarse = |k: usize| scale[k * COARSE];
         let is_turn = |k: &usize| (coarse(*k) - coarse(k - 1)) * (coarse(k + 1) - coarse(*k)) <= 0.0;
-        let turns_mm =
+        let turns_mm: Vec<f64> =
             (1..POINTS / COARSE - 1).filter(is_turn).map(|k| (k * COARSE) as f64 / per_mm).collect();
-        Some(Self { projection, per_mm, scale, turns_mm })
+        let turns_tan = turns_mm.iter().map(|mm| projection.tangent(*mm)).collect();
+        Some(Self { projection, per_mm, scale, turns_mm, turns_tan })
     }
 
     /// The direction of a place, mm from the axis.
@@ -91,8 +91,7 @@ impl FilmDirections {
     /// The rectangle of the places, mm, of a rectangle of directions.
     pub(super) fn heights(&self, (low, high): Bounds) -> Bounds {
         let limited = |v: [f64; 2]| v.map(|v| v.clamp(-FARTHEST, FARTHEST));
-        let turns: Vec<f64> = self.turns_mm.iter().map(|mm| self.projection.tangent(*mm)).collect();
-        bounds((limited(low), limited(high)), &turns, |x, y| self.place(x, y))
+        bounds((limited(low), limited(high)), &self.turns_tan, |x, y| self.place(x, y))
     }
 }
 

@@ -6,16 +6,15 @@ use anyhow::{Context, Result};
 use pipeline::design::pinhole::Pinhole;
 use pipeline::design::system::System;
 use pipeline::geometry::Size;
-use pipeline::projection::Projection;
-use pipeline::scene::film_directions::{FilmDirections, MAX_DEG};
+use pipeline::projection::{MAX_DEG, Projection};
+use pipeline::scene::film_directions::FilmDirections;
 use pipeline::scene::frame::Frame;
 use std::sync::Arc;
 
 /// Pixels of a chart over those of its film from which on it is refused.
 const LARGER_THAN_FILM: f64 = 4.0;
 
-/// The pinhole of `system`, in focus, for the film of `args` and surfaces of the vergences `range`, 1/m. Of a chart in the projection of the film the margin is as wide as its
-/// corners see less than [`MAX_DEG`].
+/// The pinhole of `system`, in focus, for the film of `args` and surfaces of the vergences `range`, 1/m.
 ///
 /// # Errors
 /// The film is beyond the lens's field.
@@ -24,14 +23,8 @@ pub fn pinhole(args: &SceneArgs, system: &System, range: Option<(f64, f64)>) -> 
         Some(ProjectionArg::Film) => Pinhole::on_film,
         None | Some(ProjectionArg::Planar) => Pinhole::new,
     };
-    let mut pinhole = camera(system, args.film_size, args.film_pitch_um, range)
-        .with_context(|| format!("camera of {}", args.lens))?;
-    while pinhole.overscan_px > 0 && corner_deg(&pinhole) > MAX_DEG {
-        pinhole.overscan_px -= 1;
-        let side = |film: usize| film + 2 * pinhole.overscan_px;
-        pinhole.size = Size::new(side(args.film_size.height), side(args.film_size.width));
-    }
-    Ok(pinhole)
+    camera(system, args.film_size, args.film_pitch_um, range)
+        .with_context(|| format!("camera of {}", args.lens))
 }
 
 /// A note on a margin that is narrower than the blur.
@@ -42,14 +35,6 @@ pub fn margin_note(pinhole: &Pinhole) -> Option<String> {
             pinhole.overscan_px, pinhole.margin_px
         )
     })
-}
-
-/// Angle from the axis of the corners of a chart in the projection of the film, degrees; 0 of a planar one.
-fn corner_deg(pinhole: &Pinhole) -> f64 {
-    match pinhole.projection {
-        Projection::Planar => 0.0,
-        Projection::Film(film) => film.angle_rad(pinhole.corner_mm()).to_degrees(),
-    }
 }
 
 /// The chart of `pinhole`, with pixels `step` times as large.
@@ -65,7 +50,7 @@ pub fn frame(args: &SceneArgs, pinhole: &Pinhole, step: f64) -> Result<Frame> {
     let film = FilmDirections::new(projection, reach_mm).ok_or_else(|| {
         usage(format!(
             "--projection film: the corners of the film see {:.1} deg from the axis, of at most {MAX_DEG}: a smaller --film-size",
-            corner_deg(pinhole)
+            pinhole.corner_deg()
         ))
     })?;
     Ok(Frame { film: Some(Arc::new(film)), ..planar })

@@ -10,14 +10,14 @@
 //! m = 1.2 ρ + 12 px for a blur of radius ρ, as windows of depth nodes, else 64 px.
 //!
 //! A chart in the projection of the film ([`crate::projection`]) is as large as the film and m, and what lateral colour moves: overscan = max|ρ(θ) − r|/p + m. Its directions are those
-//! of the chief rays at the primary wavelength.
+//! of the chief rays at the primary wavelength. Where its corners would see more than [`MAX_DEG`] from the axis, the margin is narrower.
 
 use crate::design::prescription::error::DesignError;
 use crate::design::prescription::system::System;
 use crate::design::rays::paraxial::Paraxial;
 use crate::design::rays::ray::Tracer;
 use crate::geometry::Size;
-use crate::projection::{FilmProjection, Projection};
+use crate::projection::{FilmProjection, MAX_DEG, Projection};
 use crate::real;
 
 /// Points on a side of the film at which distortion is looked for.
@@ -84,27 +84,8 @@ impl Pinhole {
         pitch_um: f64,
         range: Option<(f64, f64)>,
     ) -> Result<Self, PinholeError> {
-        let first = Paraxial::new(system, system.primary_um())?;
-        let focal_mm = first.distortion_focal_length_mm.abs();
-        let blur_um = first.entrance_radius_mm * focal_mm;
-        let focus_vergence = system.object_vergence()?;
-        let margin_px = range.map_or(MARGIN_PX, |(far, near)| {
-            let blur = (far - focus_vergence).abs().max((near - focus_vergence).abs()) * blur_um / pitch_um;
-            (1.2 * blur + 12.0).ceil() as usize
-        });
-        let distortion_px = beyond_mm(system, film, pitch_um)? * 1e3 / pitch_um;
-        let pupil_mm = first.entrance_pupil_mm;
-        let pinhole = Self {
-            pupil_mm,
-            focal_mm,
-            size: film,
-            overscan_px: 0,
-            margin_px,
-            pitch_um,
-            blur_um,
-            projection: Projection::Planar,
-        };
-        Ok(pinhole.with_overscan(film, distortion_px))
+        let pinhole = Self::of_film(system, film, pitch_um, range)?;
+        Ok(pinhole.with_overscan(film, beyond_mm(system, film, pitch_um)? * 1e3 / pitch_um))
     }
 
     /// As [`Pinhole::new`], with the picture in the projection of the film.
@@ -117,7 +98,7 @@ impl Pinhole {
         pitch_um: f64,
         range: Option<(f64, f64)>,
     ) -> Result<Self, PinholeError> {
-        let planar = Self::new(system, film, pitch_um, range)?;
+        let planar = Self::of_film(system, film, pitch_um, range)?;
         let tracer = Tracer::new(system, system.primary_um())?;
         let half = |px: usize| 0.5e-3 * px as f64 * pitch_um;
         let corner =
@@ -142,13 +123,46 @@ impl Pinhole {
             }
         }
         let pinhole = Self { projection: Projection::Film(projection), ..planar };
-        Ok(pinhole.with_overscan(film, moved_mm * 1e3 / pitch_um))
+        let mut pinhole = pinhole.with_overscan(film, moved_mm * 1e3 / pitch_um);
+        while pinhole.overscan_px > 0 && pinhole.corner_deg() > MAX_DEG {
+            pinhole = pinhole.reaching(film, pinhole.overscan_px - 1);
+        }
+        Ok(pinhole)
+    }
+
+    /// The pinhole by paraxial data; its picture, on the ideal image plane, is as large as the film.
+    fn of_film(
+        system: &System,
+        film: Size,
+        pitch_um: f64,
+        range: Option<(f64, f64)>,
+    ) -> Result<Self, PinholeError> {
+        let first = Paraxial::new(system, system.primary_um())?;
+        let focal_mm = first.distortion_focal_length_mm.abs();
+        let blur_um = first.entrance_radius_mm * focal_mm;
+        let focus_vergence = system.object_vergence()?;
+        let margin_px = range.map_or(MARGIN_PX, |(far, near)| {
+            let blur = (far - focus_vergence).abs().max((near - focus_vergence).abs()) * blur_um / pitch_um;
+            (1.2 * blur + 12.0).ceil() as usize
+        });
+        let pupil_mm = first.entrance_pupil_mm;
+        let projection = Projection::Planar;
+        Ok(Self { pupil_mm, focal_mm, size: film, overscan_px: 0, margin_px, pitch_um, blur_um, projection })
     }
 
     fn with_overscan(self, film: Size, moved_px: f64) -> Self {
-        let overscan_px = self.margin_px + moved_px.ceil() as usize;
+        self.reaching(film, self.margin_px + moved_px.ceil() as usize)
+    }
+
+    /// With a picture that reaches `overscan_px` pixels beyond each side of the film.
+    fn reaching(self, film: Size, overscan_px: usize) -> Self {
         let size = Size::new(film.height + 2 * overscan_px, film.width + 2 * overscan_px);
         Self { size, overscan_px, ..self }
+    }
+
+    /// Angle from the axis of the corners of the picture, degrees.
+    pub fn corner_deg(&self) -> f64 {
+        self.projection.angle_rad(self.corner_mm(), self.focal_mm).to_degrees()
     }
 
     /// Height of the corners of the picture, mm from the axis.

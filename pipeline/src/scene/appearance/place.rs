@@ -32,14 +32,14 @@ pub(super) struct Owner<'a> {
 pub(super) struct Place<'a> {
     pub owner: &'a Owner<'a>,
     pub footprint: Footprint,
-    /// By how much the direction changes from one column of the chart to the next, and from one row.
-    steps: [[f64; 2]; 2],
+    /// The direction (x, y, 1) in which it is seen; none where its surroundings are not looked at.
+    direction: Option<(f64, f64)>,
 }
 
 impl<'a> Place<'a> {
     /// One whose surroundings are not looked at.
     pub fn at_point(owner: &'a Owner<'a>, barycentric: [f64; 3]) -> Self {
-        Self { owner, footprint: Footprint::at_point(barycentric), steps: [[0.0; 2]; 2] }
+        Self { owner, footprint: Footprint::at_point(barycentric), direction: None }
     }
 }
 
@@ -65,7 +65,7 @@ impl<T: Triangles> Appearance<'_, T> {
     /// The place on `triangle` that direction (x, y, 1) meets.
     pub(super) fn place<'p>(&self, owner: &'p Owner<'p>, triangle: u32, x: f64, y: f64) -> Place<'p> {
         let footprint = Projection::new(&self.triangles.corners(triangle)).at(x, y);
-        Place { owner, footprint, steps: self.frame.steps(x, y) }
+        Place { owner, footprint, direction: Some((x, y)) }
     }
 
     /// Linear red, green, blue and alpha of a texture; 1 where the part has no coordinates for it.
@@ -79,7 +79,8 @@ impl<T: Triangles> Appearance<'_, T> {
             texture.transform.map(|row| (row[0] * u + row[1] * v) + row[2])
         });
         let pyramid = &self.textures[texture.texture];
-        let level = level_of(place.footprint.slopes(&corners), pyramid.size(0), place.steps);
+        let steps = place.direction.map_or([[0.0; 2]; 2], |(x, y)| self.frame.steps(x, y));
+        let level = level_of(place.footprint.slopes(&corners), pyramid.size(0), steps);
         pyramid.sample(place.footprint.value(&corners), level, texture.wrap, texture.nearest)
     }
 
