@@ -91,9 +91,16 @@
 //!
 //! | array | shape | unit | contents |
 //! |---|---|---|---|
-//! | `tail/inner_radius` | (B) | mm | R, half a side of the PSF window; NaN: this band has no tail |
+//! | `tail/inner_radius` | (B) | mm | R, half a side of the PSF window or more; NaN: this band has no tail |
 //! | `tail/height` | (B, H) | mm | real image heights, ascending from 0 |
 //! | `tail/coefficient` | (B, H, 10) | mm, mm³ | c_mj of harmonic m and term j at 2 m + j |
+//!
+//! With `middle` in `extras`, too, bands whose rays land beyond the window have a middle part ([`pipeline::lens::middle`]); R is then the radius beyond which none land:
+//!
+//! | array | shape | unit | contents |
+//! |---|---|---|---|
+//! | `tail/middle_pitch` | (B) | mm | pitch of the samples; NaN: this band has no middle part |
+//! | `tail/middle/<band>` | (H of the band, n, n) | share of the light | one image a height, the field point on +x, row down, the chief ray in the centre; n odd |
 //!
 //! # Ghosts
 //!
@@ -123,7 +130,7 @@
 //! | `f_number`, `primary_wavelength_nm` | > 0 |
 //! | `psf_sample` | `point`: point samples; `integrated`: each sample integrated over the pitch |
 //! | `psf_field` | `polar` or `grid`, of a lens without rotational symmetry |
-//! | `extras` | names of optional groups that change films: `tail`, `cones`, `ghost`; others are an error |
+//! | `extras` | names of optional groups that change films: `tail`, `middle`, `cones`, `ghost`; others are an error |
 //! | `name` | default: the file's name |
 //! | `object_distance_mm` | null, missing or `Infinity`: at infinity |
 //! | `magnification` | default 0 |

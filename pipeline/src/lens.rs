@@ -13,6 +13,7 @@ mod check;
 pub mod cone;
 pub mod cone_field;
 pub mod depth;
+pub mod middle;
 pub mod planar;
 pub mod tail;
 
@@ -320,7 +321,8 @@ impl LensBand {
     pub fn table_bytes(&self) -> usize {
         let field_points =
             self.planar.as_ref().map_or(self.ideal_height_mm.len(), |p| p.map.ideal_x_mm.len());
-        3 * size_of::<f64>() * field_points
+        let middle = self.tail.as_ref().and_then(|tail| tail.middle.as_ref());
+        3 * size_of::<f64>() * field_points + middle.map_or(0, |middle| size_of_val(&middle.samples[..]))
     }
 
     /// PSFs of the band: rows of its [`PsfStack`].

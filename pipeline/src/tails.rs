@@ -14,9 +14,12 @@
 //! U: four-tap cubic Lagrange interpolation from the centres of bins, u = (x + ½)/b − ½; Uᵀ, its transpose, puts light into bins so that moments up to
 //! the third are kept. On average over the places of a bin each U and each Uᵀ takes 11/720 b⁴ (∂⁴/∂x⁴ + ∂⁴/∂y⁴) T from T; the kernels have that added, as fourth differences. L_0 is computed from samples of the light at half bins ([`light`]), read from the chart on cells of their size (`cells`). A level is convolved harmonic by
 //! harmonic (`harmonics`, `convolution`), in f32: the same bits on every host.
+//!
+//! Of a band whose PSFs have a middle part ([`crate::lens::middle`]), level 0 has that in place of T_0 (`middle`), K = τ (p − T), and T begins with level 1: g = 1, R the
+//! radius beyond which no rays land.
 //! Surroundings of the film that a level's kernels reach are part of its light.
 //!
-//! Light is conserved: the kernels K of a height have the sum 1 − Σ_j c_0j Σ_l Σ_bins b_l² B_0j, that of the sums on the bins. A uniform
+//! Light is conserved: the kernels K of a height have the sum 1 − Σ_j c_0j Σ_l Σ_bins b_l² B_0j, that of the sums on the bins, less the middle part. A uniform
 //! remapped image and surround stays uniform but for the change of T with the height.
 //!
 //! The transpose, from a film to the chart, is in `transpose`.
@@ -32,6 +35,7 @@ mod harmonics;
 mod lanes;
 pub mod levels;
 pub mod light;
+mod middle;
 pub mod plan;
 mod remapped;
 mod transpose;

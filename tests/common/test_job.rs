@@ -87,7 +87,7 @@ impl TestJob {
         };
         let height_mm: Vec<f64> = (0..=4).map(|i| 0.25 * f64::from(i)).collect();
         let coefficients = height_mm.iter().map(|h| coefficients(*h)).collect();
-        let tail = BandTail { inner_mm, height_mm, coefficients };
+        let tail = BandTail { inner_mm, height_mm, coefficients, middle: None };
         let band = |nm| LensBand {
             psf_energy: vec![0.99; 4],
             tail: has_tails.then(|| tail.clone()),

@@ -19,6 +19,8 @@ pub const PLANAR_SCHEMA: &str = "lenscube/lens-pack/4";
 pub(super) const EXTRAS: &str = "extras";
 /// The optional group of tails.
 pub(super) const TAIL: &str = "tail";
+/// Middle parts of PSFs with tails, in the group of tails.
+pub(super) const MIDDLE: &str = "middle";
 /// The optional group of directions of light at the film.
 pub(super) const CONES: &str = "cones";
 /// The optional group of ghosts.
@@ -34,6 +36,8 @@ pub(super) const REFERENCE_POINT: &str = "reference_point";
 pub(super) struct Extras {
     /// Tails of the PSFs.
     pub(super) has_tail: bool,
+    /// Whether tails have middle parts.
+    pub(super) has_middle: bool,
     /// Directions of the light at the film.
     pub(super) has_cones: bool,
     /// Ghosts.
@@ -200,8 +204,9 @@ impl<'a> Attributes<'a> {
 
     /// The optional groups; an unknown one is an error, since it changes pixels.
     pub(super) fn extras(&self) -> Result<Extras, LensPackError> {
-        let mut extras = Extras { has_tail: false, has_cones: false, has_ghosts: false };
-        let expected = "a list of names of optional groups: \"tail\", \"cones\", \"ghost\"";
+        let mut extras = Extras { has_tail: false, has_middle: false, has_cones: false, has_ghosts: false };
+        let expected =
+            "a list of names of optional groups: \"tail\", \"middle\" (with \"tail\"), \"cones\", \"ghost\"";
         let names = match self.map.get(EXTRAS) {
             None | Some(Value::Null) => return Ok(extras),
             Some(Value::Array(names)) => names,
@@ -215,6 +220,7 @@ impl<'a> Attributes<'a> {
                     );
                 }
                 Some(TAIL) => extras.has_tail = true,
+                Some(MIDDLE) => extras.has_middle = true,
                 Some(CONES) => extras.has_cones = true,
                 Some(GHOST) if self.psf_field.is_some() || self.has_depth => {
                     let expected =
@@ -224,6 +230,9 @@ impl<'a> Attributes<'a> {
                 Some(GHOST) => extras.has_ghosts = true,
                 _ => return Err(self.invalid(EXTRAS, expected)),
             }
+        }
+        if extras.has_middle && !extras.has_tail {
+            return Err(self.invalid(EXTRAS, expected));
         }
         Ok(extras)
     }

@@ -7,7 +7,7 @@
 //! With depth nodes: of each band its head and tables, then per node vergence, tables and PSFs; of the lens the digests of its bands.
 //! Values are hashed as the pipeline uses them (PSFs in f32, normalised), so the digest does not depend on their storage. Pupil functions in place
 //! of PSFs are hashed themselves (version of the tracer, segments, values: f64), so they have another digest than the PSFs they give.
-//! A band with a tail has a section more: heights, radius and coefficients (f64); one with cones another: their distance and directions (f64); one of a pack with ghosts
+//! A band with a tail has a section more: heights, radius and coefficients (f64), and one with a middle part its samples (side, pitch, f32); one with cones another: their distance and directions (f64); one of a pack with ghosts
 //! a last one: width of the rings (f64) and the operator (f32).
 //!
 //! A lens without rotational symmetry has another leading line, and per band:
@@ -207,6 +207,11 @@ fn add_tail(h: &mut blake3::Hasher, band: &LensBand) {
     add_f64(h, &[tail.inner_mm]);
     add_f64(h, &tail.height_mm);
     tail.coefficients.iter().flatten().for_each(|terms| add_f64(h, terms));
+    let Some(middle) = &tail.middle else { return };
+    h.update(b"middle\n");
+    add_counts(h, &[middle.size]);
+    add_f64(h, &[middle.pitch_mm]);
+    add_f32(h, &middle.samples);
 }
 
 fn add_stored(h: &mut blake3::Hasher, band: &LensBand, stored: &Stored) {

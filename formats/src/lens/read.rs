@@ -77,7 +77,7 @@ pub(super) fn tables(store: &PackStore, notes: &mut Vec<String>) -> Result<Table
     };
     let ghosts = extras.has_ghosts.then(|| ghosts::read(&tables)).transpose()?;
     let mut tails = match extras.has_tail {
-        true => tail::read(&tables)?,
+        true => tail::read(&tables, extras.has_middle)?,
         false => vec![None; bands],
     };
     let (mut lens_bands, mut reading_bytes) = (Vec::with_capacity(bands), Vec::with_capacity(bands));

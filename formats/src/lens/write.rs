@@ -13,7 +13,7 @@ mod tail;
 
 use super::array::MAX_SAMPLES;
 use super::attributes::{
-    CONES, DEPTH_SCHEMA, EXTRAS, GHOST, PLANAR_SCHEMA, PSF_FIELD, PUPIL_SCHEMA, PackAttributes,
+    CONES, DEPTH_SCHEMA, EXTRAS, GHOST, MIDDLE, PLANAR_SCHEMA, PSF_FIELD, PUPIL_SCHEMA, PackAttributes,
     REFERENCE_POINT, SCHEMA, SEALED, TAIL,
 };
 use super::error::LensPackError;
@@ -212,6 +212,10 @@ impl LensPackWriter {
             self.tails(bands)?;
             self.json("tail/zarr.json", &group)?;
             extras.push(TAIL);
+            if self.middles(bands)? {
+                self.json("tail/middle/zarr.json", &group)?;
+                extras.push(MIDDLE);
+            }
         }
         let cones: Option<Vec<&ConeField>> = bands.iter().map(|b| b.cones.as_ref()).collect();
         if let Some(cones) = cones.filter(|cones| !cones.is_empty()) {

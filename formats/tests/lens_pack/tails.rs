@@ -3,6 +3,7 @@
 use super::{small_attributes, small_lens, small_psf};
 use lenscube_formats::lens::{LensPack, LensPackError, write};
 use pipeline::lens::Lens;
+use pipeline::lens::middle::Middle;
 use pipeline::lens::tail::BandTail;
 
 /// The small lens with a tail of its second band.
@@ -16,6 +17,7 @@ pub(crate) fn lens_with_tail() -> Lens {
         inner_mm: 0.02,
         height_mm: vec![0.0, 0.7, 1.5],
         coefficients: (0..3).map(coefficients).collect(),
+        middle: None,
     });
     lens
 }
@@ -44,6 +46,38 @@ fn tails_are_read_as_written_and_belong_to_the_digest_of_their_band() {
         other.bands[1].tail.as_mut().unwrap().coefficients[2][4][1] *= 1.0 + 1e-15;
         let (_dir, changed) = written(&other, name);
         assert_ne!(changed.digest().unwrap(), pack.digest().unwrap());
+    }
+}
+
+#[test]
+fn middle_parts_are_read_as_written_and_belong_to_the_digest_of_their_band() {
+    let mut lens = lens_with_tail();
+    let samples = (0..27).map(|i| 1e-3 * (i + 1) as f32).collect();
+    let middle = Some(Middle { size: 3, pitch_mm: 0.02, samples });
+    lens.bands[1].tail.as_mut().unwrap().middle = middle;
+    for name in ["small.lens.zarr", "small.lens.zip"] {
+        let (_dir, pack) = written(&lens, name);
+        assert_eq!(*pack.lens(), lens);
+        let (_other, without) = written(&lens_with_tail(), name);
+        assert_eq!(pack.band_digest(0).unwrap(), without.band_digest(0).unwrap());
+        assert_ne!(pack.band_digest(1).unwrap(), without.band_digest(1).unwrap());
+    }
+    let (dir, _) = written(&lens, "small.lens.zarr");
+    let root = dir.path().join("small.lens.zarr");
+    let head = std::fs::read_to_string(root.join("zarr.json")).unwrap();
+    assert!(head.contains("\"middle\""), "{head}");
+    std::fs::remove_file(root.join("tail/middle/1/c/0/0/0")).unwrap();
+    let error = LensPack::open(&root).err().unwrap().to_string();
+    assert!(error.contains("tail/middle/1"), "{error}");
+    // All of the light, and none.
+    for factor in [100.0, 0.0] {
+        let mut wrong = lens.clone();
+        let middle = wrong.bands[1].tail.as_mut().unwrap().middle.as_mut().unwrap();
+        middle.samples = middle.samples.iter().map(|v| v * factor).collect();
+        let stacks = (0..2).map(|b| Ok::<_, LensPackError>(small_psf(&wrong, b)));
+        let error =
+            write(dir.path().join("wrong.lens.zip"), &wrong, &small_attributes(), stacks).unwrap_err();
+        assert!(error.to_string().contains("tail/middle"), "{error}");
     }
 }
 

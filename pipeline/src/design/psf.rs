@@ -4,6 +4,7 @@ pub mod field_psf;
 pub mod film_pixel;
 mod fourier;
 pub(super) mod huygens;
+pub(super) mod middle;
 pub mod nufft;
 pub mod pupil_stack;
 pub(super) mod tails;

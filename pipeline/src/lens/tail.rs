@@ -14,10 +14,14 @@
 //! table each coefficient is a cubic with the slopes of its neighbours (Catmull-Rom); beyond the last height its last value.
 //! Units: c_m0 in mm, c_m1 in mm³.
 //!
+//! Where rays at the edge of the pupil land beyond the window, R is the distance from which on no rays land, larger than half the window, T has c_00 alone, and the
+//! light between the window's core and R is a part of its own ([`super::middle`]).
+//!
 //! Left out: fringes (T is their mean), harmonics above the fourth, and what is not symmetric about the meridian; a centred lens has none.
 //! Source: the power law of diffraction at an edge, Born & Wolf, 8.8 and 11.3; Clark, Howard & Freniere, Appl. Opt. 23, 353 (1984).
 
 use super::LensError;
+use super::middle::Middle;
 use crate::bounds;
 use std::f64::consts::PI;
 
@@ -32,12 +36,14 @@ pub type Coefficients = [[f64; TERMS]; ORDERS];
 /// Tails of the PSFs of a band.
 #[derive(Clone, Debug, PartialEq)]
 pub struct BandTail {
-    /// Radius from which on the power laws hold, mm: half a side of the PSF window.
+    /// Radius from which on the power laws hold, mm: half a side of the PSF window, or that beyond which no rays land.
     pub inner_mm: f64,
     /// REAL image heights of the table, mm, ascending from 0.
     pub height_mm: Vec<f64>,
     /// Coefficients at the heights.
     pub coefficients: Vec<Coefficients>,
+    /// The light between the core of the windows and the radius, where rays land beyond the window.
+    pub middle: Option<Middle>,
 }
 
 /// Exponent q of term j.
@@ -162,6 +168,14 @@ impl BandTail {
         })
     }
 
+    /// Light of the middle part per mm² at (x, y) mm from the chief ray of the REAL height `h_mm`, linear between heights; 0 without one.
+    pub fn middle_density(&self, h_mm: f64, x: f64, y: f64) -> f64 {
+        let (Some(middle), h) = (&self.middle, &self.height_mm) else { return 0.0 };
+        let above = h.partition_point(|v| *v <= h_mm).clamp(1, h.len() - 1);
+        let share = ((h_mm - h[above - 1]) / (h[above] - h[above - 1])).min(1.0);
+        (1.0 - share) * middle.density(above - 1, x, y) + share * middle.density(above, x, y)
+    }
+
     /// Checks lengths and bounds, for the band at `wavelength_nm`.
     ///
     /// # Errors
@@ -195,6 +209,9 @@ impl BandTail {
                     format!("at height {k} have a share of {outside} of the light, expected 0 to 0.5"),
                 );
             }
+        }
+        if let Some(problem) = self.middle.as_ref().and_then(|middle| middle.problem(heights)) {
+            return bad("tail/middle", problem);
         }
         Ok(())
     }
@@ -269,6 +286,7 @@ mod tests {
             inner_mm: 0.04,
             coefficients: height_mm.iter().map(|h| field(*h)).collect(),
             height_mm,
+            middle: None,
         };
         for h in [0.0, 0.4, 1.1, 5.3, 12.6, 19.9, 21.0] {
             let (found, expected) = (tail.at(h), field(h));

@@ -28,6 +28,7 @@ pub(super) use azimuth::BaseGroup;
 pub(super) use rotation::NEGLIGIBLE_SAMPLE;
 pub use symmetry::KernelSymmetry;
 
+use crate::lens::middle::core_share;
 use crate::lens::tail::{BandTail, RowBasis};
 use crate::lens::{PsfSample, PsfStack};
 use crate::psf::grid::{Node, NodeGrid};
@@ -97,8 +98,8 @@ impl NodeKernels {
         }
     }
 
-    /// The near kernels of `stack`, whose light beyond the windows is `tail`: p − T inside the window, p with its share `energy` of the light at each
-    /// height. `shares` are the sums of the kernels, all light less that of T on the film: they differ from the sums of p − T by what
+    /// The near kernels of `stack`, whose light beyond the windows is `tail`: p − T inside the window, of a PSF with a middle part times τ ([`crate::lens::middle`]), p with its share
+    /// `energy` of the light at each height. `shares` are the sums of the kernels, all light less that of T on the film: they differ from the sums of p − T by what
     /// sampling and the interpolation of T between heights leave (below 1e-3).
     pub fn near(
         stack: &PsfStack,
@@ -108,7 +109,12 @@ impl NodeKernels {
         simd: Simd,
     ) -> Self {
         let near = near_samples(stack, tail, height_mm, energy);
-        Self { shares: Some(shares), ..Self::new(&near, film_pitch_um, None, simd) }
+        Self::with_shares(&near, shares, film_pitch_um, simd)
+    }
+
+    /// As [`NodeKernels::new`], each kernel with the sum of its row of the stack in `shares`.
+    pub(crate) fn with_shares(stack: &PsfStack, shares: Vec<f64>, film_pitch_um: f64, simd: Simd) -> Self {
+        Self { shares: Some(shares), ..Self::new(stack, film_pitch_um, None, simd) }
     }
 
     /// Side of a kernel in film pixels, odd.
@@ -201,23 +207,32 @@ impl NodeKernels {
     }
 }
 
-/// p − T at the samples of `stack`, as shares of all light.
+/// p − T at the samples of `stack`, as shares of all light; of PSFs with a middle part times τ.
 fn near_samples(stack: &PsfStack, tail: &BandTail, height_mm: &[f64], energy: &[f64]) -> PsfStack {
     let n = stack.size;
     let (pitch, half) = (1e-3 * stack.pitch_um, n / 2);
     let coefficients: Vec<_> = height_mm.iter().map(|h| tail.at(*h)).collect();
     let mut samples = stack.samples.clone();
     let (mut basis, mut tails) = (RowBasis::default(), Vec::new());
+    let half_mm = 0.5 * n as f64 * pitch;
     // T is the same in the rows above and below the chief ray.
     for off in 0..=half {
         let at = |i: usize| (i as f64 - half as f64) * pitch;
-        basis.set(tail.inner_mm, (0..n).map(at), off as f64 * pitch);
+        let y_mm = off as f64 * pitch;
+        basis.set(tail.inner_mm, (0..n).map(at), y_mm);
+        let core: Option<Vec<f64>> = tail
+            .middle
+            .as_ref()
+            .map(|_| (0..n).map(|i| core_share((at(i) * at(i) + y_mm * y_mm).sqrt(), half_mm)).collect());
         for ((window, c), energy) in samples.chunks_exact_mut(n * n).zip(&coefficients).zip(energy) {
             basis.values(c, &mut tails);
             let below = (off > 0 && half + off < n).then_some(half + off);
             for y in [Some(half - off), below].into_iter().flatten() {
                 for (v, tail) in window[y * n..][..n].iter_mut().zip(&tails) {
                     *v = (f64::from(*v) * energy - tail * pitch * pitch) as f32;
+                }
+                for (v, core) in window[y * n..][..n].iter_mut().zip(core.iter().flatten()) {
+                    *v = (f64::from(*v) * core) as f32;
                 }
             }
         }
@@ -398,7 +413,12 @@ mod tests {
         let c = 2.65e-2 * film_um * 1e-3;
         let mut coefficients = [[0.0; 2]; 5];
         (coefficients[0], coefficients[1], coefficients[2]) = ([c, 1e-8], [0.0, 2e-9], [0.3 * c, 0.0]);
-        let tail = BandTail { inner_mm, height_mm: vec![0.0, 1.0], coefficients: vec![coefficients; 2] };
+        let tail = BandTail {
+            inner_mm,
+            height_mm: vec![0.0, 1.0],
+            coefficients: vec![coefficients; 2],
+            middle: None,
+        };
         let beyond = crate::lens::tail::light(&coefficients, inner_mm);
         let at = |i: usize| (i as f64 - (n / 2) as f64) * pitch_um * 1e-3;
         let step = (1e-3 * pitch_um).powi(2);

@@ -6,6 +6,7 @@
 use super::OUT_MARGIN;
 use super::harmonics;
 use super::levels::{out_size, part};
+use super::middle::MiddleLevel;
 use super::plan::TailPlan;
 use super::weights::{BlockWeights, image_size};
 use crate::buffer::AlignedBuf;
@@ -25,7 +26,7 @@ use std::sync::Mutex;
 
 /// The kernels of a band's tails, and how they are convolved. They depend on the lens, the pitch and the size of the film, not on its place in the field.
 pub(super) trait ConvolveLevels: Send + Sync {
-    /// T_l ∗ `lights[l]` of all levels l, each on the film's bins of its level and [`OUT_MARGIN`] around.
+    /// T_l ∗ `lights[l]` of all levels l, of level 0 the middle part if there is one, each on the film's bins of its level and [`OUT_MARGIN`] around.
     fn levels(&self, frame: &Frame, lights: Vec<Vec<f32>>, threads: usize) -> Vec<Vec<f32>>;
 
     /// The transpose of [`ConvolveLevels::levels`]: the light of each level, of its result.
@@ -51,9 +52,12 @@ pub(super) struct Engine<V: Lanes> {
     dispatch: Dispatch<V>,
     /// Of level 0, and of level 1 if there is one, whose kernels all further levels have.
     of_levels: Vec<LevelKernels>,
+    /// What level 0 has in place of kernels.
+    middle: Option<MiddleLevel>,
 }
 
 /// The kernels of a level.
+#[derive(Default)]
 struct LevelKernels {
     /// Spectra of the kernels over their largest values.
     spectra: Vec<AlignedBuf>,
@@ -76,8 +80,10 @@ impl<V: Lanes> Engine<V> {
             };
             LevelKernels { spectra: images.into_iter().map(spectrum).collect(), peaks }
         };
-        let of_levels = (0..plan.levels.min(2)).map(&mut of_level).collect();
-        Self { plan: plan.clone(), blocks, columns, dispatch: Dispatch::new(simd), of_levels }
+        let middle = MiddleLevel::new(plan);
+        let of_levels = middle.iter().map(|_| LevelKernels::default());
+        let of_levels = of_levels.chain(plan.of_tails().map(&mut of_level)).collect();
+        Self { plan: plan.clone(), blocks, columns, dispatch: Dispatch::new(simd), of_levels, middle }
     }
 
     /// `light`, an image of `size` of the bins at `place` of `level`, times the weights of each kernel, in `weights`: these images, and the spectra of the kernels.
@@ -142,12 +148,18 @@ impl<V: Lanes> Engine<V> {
 
 impl<V: Lanes> ConvolveLevels for Engine<V> {
     fn levels(&self, frame: &Frame, lights: Vec<Vec<f32>>, threads: usize) -> Vec<Vec<f32>> {
-        let of_level = |(level, light): (usize, Vec<f32>)| self.convolve(frame, level, &light, threads);
+        let of_level = |(level, light): (usize, Vec<f32>)| match &self.middle {
+            Some(middle) if level == 0 => middle.convolve(frame, &light, threads),
+            _ => self.convolve(frame, level, &light, threads),
+        };
         lights.into_iter().enumerate().map(of_level).collect()
     }
 
     fn lights(&self, frame: &Frame, results: Vec<Vec<f32>>, threads: usize) -> Vec<Vec<f32>> {
-        let of_level = |(level, result): (usize, Vec<f32>)| self.correlate(frame, level, &result, threads);
+        let of_level = |(level, result): (usize, Vec<f32>)| match &self.middle {
+            Some(middle) if level == 0 => middle.correlate(frame, &result, threads),
+            _ => self.correlate(frame, level, &result, threads),
+        };
         results.into_iter().enumerate().map(of_level).collect()
     }
 }

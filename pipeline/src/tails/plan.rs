@@ -2,11 +2,14 @@
 
 use super::convolution::row_stride;
 use super::harmonics::{KERNELS, on_axis};
+use super::middle;
 use super::{BINS_IN_LEVEL, GROWTH, MAX_BIN_PX, OUT_MARGIN};
 use crate::geometry::{Frame, Size};
 use crate::layer::BinGrid;
 use crate::lens::LensBand;
 use crate::lens::PsfStack;
+use crate::lens::linear;
+use crate::lens::middle::Middle;
 use crate::lens::tail::{BandTail, Coefficients, TERMS, radial};
 use crate::psf::blocks::Blocks;
 use crate::psf::kernel::NodeKernels;
@@ -30,6 +33,8 @@ pub struct TailPlan {
     /// Their heights in film pixels, and their coefficients, lengths in film pixels; without harmonics on the axis.
     height_px: Vec<f64>,
     coefficients: Vec<Coefficients>,
+    /// The middle part that level 0 has in place of T, and its heights, mm.
+    middle: Option<(Vec<f64>, Middle)>,
     /// Inner radius of level 0, film pixels.
     pub(super) inner_px: f64,
     /// Bin of level 0, film pixels.
@@ -50,21 +55,30 @@ impl TailPlan {
         let tail = band.tail.as_ref()?;
         let pitch_mm = frame.pitch_mm();
         let inner_px = tail.inner_mm / pitch_mm;
-        let bin_px = Self::bin_px_of(inner_px)?;
+        let half_px = 0.5e-3 * band.psf_size as f64 * band.psf_pitch_um / pitch_mm;
+        let bin_px = match &tail.middle {
+            None => Self::bin_px_of(inner_px)?,
+            Some(_) => middle::bin_px(half_px, inner_px, (MIN_BIN_PX, MAX_BIN_PX), GROWTH)?,
+        };
+        let middle = tail.middle.clone().map(|middle| (tail.height_mm.clone(), middle));
         let diagonal = real::hypot(frame.film.height as f64, frame.film.width as f64);
-        let first_growth = ((BINS_IN_LEVEL * GROWTH * bin_px) as f64 / inner_px).ceil().max(2.0) as usize;
+        let first_growth = match &middle {
+            None => ((BINS_IN_LEVEL * GROWTH * bin_px) as f64 / inner_px).ceil().max(2.0) as usize,
+            Some(_) => 1,
+        };
         let mut levels = 1;
         while inner_px * (first_growth * GROWTH.pow(levels as u32 - 1)) as f64 <= diagonal {
             levels += 1;
         }
         let height_mm = band.psf_height_mm.clone();
         let coefficients = height_mm.iter().map(|h| tail.at(*h)).collect();
-        let tail = BandTail { inner_mm: tail.inner_mm, height_mm, coefficients };
+        let tail = BandTail { inner_mm: tail.inner_mm, height_mm, coefficients, middle: tail.middle.clone() };
         let mut coefficients: Vec<_> = tail.coefficients.iter().map(|c| in_pixels(c, pitch_mm)).collect();
         coefficients[0] = on_axis(coefficients[0]);
         Some(Self {
             height_px: tail.height_mm.iter().map(|mm| mm / pitch_mm).collect(),
             coefficients,
+            middle,
             tail,
             inner_px,
             bin_px,
@@ -91,6 +105,21 @@ impl TailPlan {
     /// Side of the bins of the layer, film pixels.
     pub fn bin_px(&self) -> usize {
         self.bin_px
+    }
+
+    /// The same in mm.
+    pub(super) fn bin_mm(&self) -> f64 {
+        self.bin_px as f64 * self.pitch_mm
+    }
+
+    /// Heights in mm and images of the middle part that level 0 has in place of T, if there is one.
+    pub(super) fn middle(&self) -> Option<(&[f64], &Middle)> {
+        self.middle.as_ref().map(|(height_mm, middle)| (&height_mm[..], middle))
+    }
+
+    /// Levels with kernels of their own for T, of the first two.
+    pub(super) fn of_tails(&self) -> std::ops::Range<usize> {
+        usize::from(self.middle.is_some())..self.levels.min(2)
     }
 
     /// Half a side of the kernels of a level, bins.
@@ -142,8 +171,11 @@ impl TailPlan {
         (GROWTH as f64).powi((2 - 3 - 2 * j as i32) * level.saturating_sub(1) as i32)
     }
 
-    /// Light of the kernels C_0j of level `level`, 0 or 1.
+    /// Light of the kernels C_0j of level `level`, 0 or 1; 0 of a level 0 that has the middle part.
     fn sums(&self, level: usize) -> [f64; TERMS] {
+        if level == 0 && self.middle.is_some() {
+            return [0.0; TERMS];
+        }
         std::array::from_fn(|j| self.kernels(level, 0, j).map(|(even, _)| even).sum())
     }
 
@@ -196,15 +228,19 @@ impl TailPlan {
         (0..TERMS).map(|j| c[0][j] * sums[j] * Self::factor(first, j) / (1.0 - Self::factor(2, j))).sum()
     }
 
-    /// Sums of the near kernels at the heights of the band's PSFs: all light less that of T.
+    /// Sums of the near kernels at the heights of the band's PSFs: all light less that of T and of the middle part.
     pub fn near_shares(&self) -> Vec<f64> {
         let (of_first, of_others) = (self.sums(0), self.sums(1));
-        let share = |c: &Coefficients| {
+        let middle = self.middle().map(|(height_mm, middle)| (height_mm, middle.shares()));
+        let share = |(c, h): (&Coefficients, &f64)| {
             let c = in_pixels(c, self.pitch_mm);
             let first: f64 = (0..TERMS).map(|j| c[0][j] * of_first[j]).sum();
-            1.0 - first - Self::share_from(&c, 1, &of_others)
+            let middle = middle.as_ref().map_or(0.0, |(height_mm, shares)| {
+                linear(height_mm, shares, h.min(height_mm[height_mm.len() - 1]))
+            });
+            1.0 - first - Self::share_from(&c, 1, &of_others) - middle
         };
-        self.tail.coefficients.iter().map(share).collect()
+        self.tail.coefficients.iter().zip(&self.tail.height_mm).map(share).collect()
     }
 
     /// The near kernels of the PSFs `stack` of `band`, which this plan is of.
@@ -215,7 +251,8 @@ impl TailPlan {
 
     /// FFT blocks of all levels: their kernels have the same size.
     pub(super) fn blocks(&self) -> Blocks {
-        let levels: Vec<Size> = (0..self.levels).map(|level| self.bins(level).size()).collect();
+        let levels: Vec<Size> =
+            (self.of_tails().start..self.levels).map(|level| self.bins(level).size()).collect();
         Blocks::of_images(2 * self.half() + 1, KERNELS, &levels)
     }
 
@@ -225,9 +262,10 @@ impl TailPlan {
         4 * finest * GROWTH.pow(2) / (GROWTH.pow(2) - 1)
     }
 
-    /// Bytes of [`TailKernels`](super::TailKernels): spectra of levels 0 and 1.
+    /// Bytes of [`TailKernels`](super::TailKernels): spectra of levels 0 and 1, and the images of the middle part.
     pub fn kernel_bytes(&self) -> usize {
-        self.levels.min(2) * KERNELS * self.blocks().spectrum_bytes()
+        let images = self.middle().map_or(0, |(_, middle)| size_of_val(&middle.samples[..]));
+        self.of_tails().len() * KERNELS * self.blocks().spectrum_bytes() + 2 * images
     }
 
     /// Bytes while the layer is computed from the light on `threads` threads, its result included.
@@ -239,12 +277,15 @@ impl TailPlan {
         // The result of a level, the sum of blocks, and what the threads add to it.
         let rows = |rows: usize| (rows + 2 * half) * row_stride(size.width, half);
         let sums = size.pixels() + rows(size.height) + threads * rows(blocks.block);
-        self.light_bytes() + 4 * sums + spectra + images
+        // Spectra of the middle part, and its strips of blocks, which may be those of the largest transform.
+        let middle = self.middle().map_or(0, |_| middle::CACHE_BYTES + threads * 4 * rows(middle::MAX_BLOCK));
+        self.light_bytes() + 4 * sums + spectra + images + middle
     }
 
-    /// Core seconds of the layer, about, without the reading of the light: 200 ns a bin of level 0.
+    /// Core seconds of the layer, about, without the reading of the light: 200 ns a bin of level 0, with a middle part 1 µs.
     pub fn making_s(&self) -> f64 {
-        200e-9 * self.bins(0).size().pixels() as f64
+        let bin_s = if self.middle.is_some() { 1e-6 } else { 200e-9 };
+        bin_s * self.bins(0).size().pixels() as f64
     }
 
     /// Share of the light beyond the last level, on the axis.

@@ -188,6 +188,10 @@ fn transpose_of_tails(simd: Simd) {
         check_dot_products(&problem, &mut noise, &format!("film {film}, window {window}, {surround:?}"));
     }
     let size = Size::new(130, 171);
+    let with_middle = frame(&mut noise, size, size, (1.0, 1.0));
+    let mut problem = Problem::new(Lenses::with_middle(&mut noise, &with_middle), with_middle, ALL, simd);
+    problem.tails = true;
+    check_dot_products(&problem, &mut noise, "middle part");
     let frame = frame(&mut noise, size, size, (1.0, 1.0));
     let mut problem = Problem::new(Lenses::with_tails(&mut noise, &frame, 11), frame, ALL, simd);
     problem.tails = true;

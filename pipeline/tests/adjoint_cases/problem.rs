@@ -9,6 +9,7 @@ use lenscube_pipeline::field::Outside;
 use lenscube_pipeline::flow::{ChartSource, FilmSink, SourceSinkError};
 use lenscube_pipeline::geometry::{Frame, Rect, Size};
 use lenscube_pipeline::layer::{BinGrid, Layer, Taps};
+use lenscube_pipeline::lens::middle::Middle;
 use lenscube_pipeline::lens::planar::{PlanarMap, PsfPlaces};
 use lenscube_pipeline::lens::tail::{BandTail, ORDERS, TERMS};
 use lenscube_pipeline::lens::{Lens, LensBand, LensError, PsfSample, PsfStack};
@@ -81,8 +82,21 @@ impl Lenses {
             c
         });
         let (height_mm, coefficients) = (band.psf_height_mm.clone(), coefficients.collect());
-        band.tail = Some(BandTail { inner_mm, height_mm, coefficients });
+        band.tail = Some(BandTail { inner_mm, height_mm, coefficients, middle: None });
         band.psf_energy = vec![0.9; 5];
+        lenses
+    }
+
+    /// As [`Lenses::with_tails`], whose windows of 61 px hold a core, and bins a middle part.
+    pub fn with_middle(noise: &mut Noise, frame: &Frame) -> Self {
+        let mut lenses = Self::with_tails(noise, frame, 61);
+        let tail = lenses.lens.bands[0].tail.as_mut().expect("made with tails");
+        let size = 31;
+        tail.inner_mm = 80.0 * frame.pitch_mm();
+        // A tenth of the light at most.
+        let count = size * size;
+        let samples = (0..5 * count).map(|_| 0.1 * noise.next() as f32 / count as f32).collect();
+        tail.middle = Some(Middle { size, pitch_mm: 2.0 * tail.inner_mm / size as f64, samples });
         lenses
     }
 

@@ -196,7 +196,9 @@ impl ReferenceBand<'_> {
                 let pixels = shares(&vec![0.0; wide_px * wide_px], wide_px, 1.0);
                 let shares = pixels.into_iter().filter(|(at, _)| !is_inside(*at)).map(|(at, _)| {
                     let (y, x) = along(at);
-                    let irradiance = tail::value(&c, tail.inner_mm, x * pitch_mm, y * pitch_mm);
+                    let (x_mm, y_mm) = (x * pitch_mm, y * pitch_mm);
+                    let irradiance =
+                        tail::value(&c, tail.inner_mm, x_mm, y_mm) + tail.middle_density(real_mm, x_mm, y_mm);
                     (at, irradiance * pitch_mm * pitch_mm)
                 });
                 let energy = linear(&band.psf_height_mm, &band.psf_energy, real_mm);

@@ -14,7 +14,7 @@ pub fn note(reports: &[BandReport]) -> Option<String> {
     let (report, tail) = worst;
     Some(format!(
         "note: {} of {} without tails: rays at the edge of the pupil land up to {:.0} µm from the chief ray ({} nm), and the windows have {:.0} µm to either side, \
-         so the light beyond is no smooth tail. It is scaled into the windows: edges are up to {} of white wrong. `--energy` above 0.99 makes windows wider",
+         too little for the light between. It is scaled into the windows: edges are up to {} of white wrong. `--energy` above 0.99 makes windows wider",
         plural(without().count(), "band"),
         reports.len(),
         tail.blur_um,

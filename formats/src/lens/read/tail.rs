@@ -3,10 +3,15 @@
 use super::{Arrays, PackArray};
 use crate::lens::error::LensPackError;
 use pipeline::bounds;
+use pipeline::lens::middle::Middle;
 use pipeline::lens::tail::{BandTail, ORDERS, TERMS};
 
-/// Reads the tail of each band; none where its `inner_radius` is NaN.
-pub(super) fn read(tables: &Arrays<'_>) -> Result<Vec<Option<BandTail>>, LensPackError> {
+/// Reads the tail of each band; none where its `inner_radius` is NaN. `has_middle`: some have a middle part.
+pub(super) fn read(tables: &Arrays<'_>, has_middle: bool) -> Result<Vec<Option<BandTail>>, LensPackError> {
+    let mut middles = match has_middle {
+        true => middles(tables)?,
+        false => vec![None; tables.bands],
+    };
     let radius = PackArray::open(tables.store, "tail/inner_radius")?;
     radius.expect_shape(&[tables.bands], "bands")?;
     let radius = radius.read()?;
@@ -22,14 +27,39 @@ pub(super) fn read(tables: &Arrays<'_>) -> Result<Vec<Option<BandTail>>, LensPac
         let at = |m: usize, j: usize| values[((b * heights.width + k) * ORDERS + m) * TERMS + j];
         std::array::from_fn(|m| std::array::from_fn(|j| at(m, j)))
     };
-    let band = |b: usize| {
+    let mut band = |b: usize| {
+        let middle = middles[b].take();
         if radius[b].is_nan() {
             return Ok(None);
         }
         let height_mm = heights.numbers(b)?;
         let coefficients = (0..height_mm.len()).map(|k| row(b, k)).collect();
         // Checked with the other tables of the band.
-        Ok(Some(BandTail { inner_mm: radius[b], height_mm, coefficients }))
+        Ok(Some(BandTail { inner_mm: radius[b], height_mm, coefficients, middle }))
     };
-    (0..tables.bands).map(band).collect()
+    (0..tables.bands).map(&mut band).collect()
+}
+
+/// The middle parts of the bands that have one: those with a pitch.
+fn middles(tables: &Arrays<'_>) -> Result<Vec<Option<Middle>>, LensPackError> {
+    let pitch = PackArray::open(tables.store, "tail/middle_pitch")?;
+    pitch.expect_shape(&[tables.bands], "bands")?;
+    let of_band = |(b, pitch_mm): (usize, f64)| {
+        if pitch_mm.is_nan() {
+            return Ok(None);
+        }
+        let array = PackArray::open(tables.store, &format!("tail/middle/{b}"))?;
+        let size = match array.shape[..] {
+            [_, rows, columns] if rows == columns => rows as usize,
+            _ => return Err(array.shape_error("[heights of tail/height, samples, as many samples]".into())),
+        };
+        array.expect_at_most(&bounds::TABLE_NUMBERS)?;
+        let read = array.read_as(|v| v as f32)?;
+        if let Some(chunk) = read.missing {
+            return Err(array.missing_chunk(chunk));
+        }
+        // Checked with the other tables of the band.
+        Ok(Some(Middle { size, pitch_mm, samples: read.values.into() }))
+    };
+    pitch.read()?.into_iter().enumerate().map(of_band).collect()
 }

@@ -26,4 +26,22 @@ impl LensPackWriter {
         let axes = ["wavelength", "height", "harmonic_and_term"];
         self.array("tail/coefficient", "float64", &shape, "term 0: mm, term 1: mm3", &axes, &bytes)
     }
+
+    /// Writes the middle parts of the tails of `bands`, of which some have one; whether any has.
+    pub(super) fn middles(&mut self, bands: &[LensBand]) -> Result<bool, LensPackError> {
+        let middle = |b: &LensBand| b.tail.as_ref().and_then(|t| t.middle.clone());
+        if bands.iter().all(|b| middle(b).is_none()) {
+            return Ok(false);
+        }
+        self.column("tail/middle_pitch", "mm", bands, |b| middle(b).map_or(f64::NAN, |m| m.pitch_mm))?;
+        for (band, of_band) in bands.iter().enumerate() {
+            let Some(middle) = middle(of_band) else { continue };
+            let bytes: Vec<u8> = middle.samples.iter().flat_map(|v| v.to_ne_bytes()).collect();
+            let heights = middle.samples.len() / (middle.size * middle.size);
+            let shape = [heights, middle.size, middle.size];
+            let name = format!("tail/middle/{band}");
+            self.array(&name, "float32", &shape, "share of the light", &["height", "row", "column"], &bytes)?;
+        }
+        Ok(true)
+    }
 }

@@ -11,7 +11,7 @@
 //!
 //! The light of T is not negative: where it would be, c_01 is 0.
 //!
-//! A band whose edge rays land beyond the window, or near its border, has no such tail: there it is geometric, not a power law.
+//! A band whose edge rays land beyond the window, or near its border, has no such tail: there it is geometric, not a power law ([`super::middle`]).
 
 use rayon::prelude::*;
 
@@ -67,7 +67,7 @@ pub(in crate::design) fn band_tail(
             rings.fit(psf, window, pitch_um, edge.tail_um)
         })
         .collect();
-    Ok(BandTail { inner_mm: 1e-3 * half_um, height_mm: heights.to_vec(), coefficients })
+    Ok(BandTail { inner_mm: 1e-3 * half_um, height_mm: heights.to_vec(), coefficients, middle: None })
 }
 
 /// Rings about the centre of PSFs of one size, lengths in samples.

@@ -22,6 +22,7 @@ use super::window::{Windows, core_samples, expected, for_tails, half_samples, wi
 use crate::bounds::{PSF_ENERGY, TRANSMISSION};
 use crate::design::prescription::error::DesignError;
 use crate::design::prescription::system::System;
+use crate::design::psf::middle::{MAX_HALF, tail_with_middle};
 use crate::design::psf::pupil_stack::{PupilStack, normalise};
 pub use crate::design::psf::tails::NoTail;
 use crate::design::psf::tails::{band_tail, blur_um};
@@ -40,7 +41,7 @@ pub const TRACER_VERSION: u32 = 8;
 pub const NODES_VERSION: u32 = 3;
 
 /// Incremented when tails for the same design and options change.
-pub const TAILS_VERSION: u32 = 2;
+pub const TAILS_VERSION: u32 = 3;
 
 /// Runs `work` with `threads` threads for its rays and sums; the results do not depend on their number.
 pub fn with_threads<T: Send>(threads: usize, work: impl FnOnce() -> T + Send) -> T {
@@ -286,10 +287,23 @@ impl<'a> LensTrace<'a> {
             sampled.grid = PsfGrid::new(half_samples(window_px, options.film_pitch_um, pitch_um), pitch_um);
         }
         let Sampled { mut pupils, grid, window_px, first, edges, .. } = sampled;
-        let tail = edges.map(|edges| {
-            report_step("tails", 0);
-            band_tail(&pupils, (&first, &edges), (grid.size(), grid.pitch_um()))
-        });
+        let tail = match &edges {
+            None => None,
+            Some(edges) => {
+                report_step("tails", 0);
+                let plain = band_tail(&pupils, (&first, edges), (grid.size(), grid.pitch_um()));
+                Some(match plain {
+                    Err(_) => tail_with_middle(
+                        &tracer,
+                        &pupils,
+                        (&first, edges),
+                        (grid.size(), grid.pitch_um()),
+                        MAX_HALF,
+                    )?,
+                    Ok(tail) => Ok(tail),
+                })
+            }
+        };
         report_step("PSFs", 0);
         let (stack, pupils) = match &of_band {
             None => {

@@ -25,6 +25,7 @@ fn band(inner_px: f64) -> LensBand {
         inner_mm: inner_px * PITCH_UM * 1e-3,
         coefficients: height_mm.iter().map(|h| field(*h)).collect(),
         height_mm: height_mm.clone(),
+        middle: None,
     };
     LensBand {
         psf_height_mm: height_mm.clone(),

@@ -59,7 +59,8 @@ fn a_point_anywhere_has_its_tail() {
         let mut c = [[0.0; 2]; 5];
         c[0] = [5e-5, 1e-5 * (inner_px * pitch_mm).powi(2)];
         let inner_mm = inner_px * pitch_mm;
-        let tail = BandTail { inner_mm, coefficients: vec![c; 2], height_mm: height_mm.clone() };
+        let tail =
+            BandTail { inner_mm, coefficients: vec![c; 2], height_mm: height_mm.clone(), middle: None };
         let band = LensBand {
             psf_height_mm: height_mm.clone(),
             azimuth_count: vec![1, 8],

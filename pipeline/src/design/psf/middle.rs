@@ -1,0 +1,192 @@
+//! Tails of a band whose rays land beyond its PSF windows, or near their border: there the light is geometric, no power law.
+//!
+//! The power laws begin where no rays land, at R = 1.3 times the largest distance of an edge ray, with c_00 = C alone: beyond R harmonics of the azimuth have little light. The middle
+//! part ([`crate::lens::middle`]) is
+//!
+//! ```text
+//! (1 − τ) (p − T)                   p: the Huygens sum of the PSF, up to R or to the largest number of samples
+//! e (C/r³ − T) + s I_rays           beyond
+//! ```
+//! C/r³ is the mean light that the edge of the pupil diffracts, I_rays the density of rays on the film. e = 1 and s ≤ 1 the factor with which the light of all is 1; where s = 1 is too
+//! little, e is above 1. Rays are poor near their caustics, whose light waves have farther inside.
+//!
+//! A ray has the light of its cell of the pupil, which lands on a parallelogram: by derivatives of the landing place by the pupil coordinates.
+
+use rayon::prelude::*;
+
+use super::tails::{CLEAR, NoTail, blur_um};
+use super::{PsfGrid, PsfScratch};
+use crate::design::prescription::error::DesignError;
+use crate::design::pupil::bundle::Bundle;
+use crate::design::pupil::edge::Edge;
+use crate::design::pupil::pupils::Pupils;
+use crate::design::rays::ray::{ImageRay, Tracer};
+use crate::lens::middle::{Middle, core_share};
+use crate::lens::tail::{BandTail, Coefficients, ORDERS, TERMS, light, value};
+
+/// Samples a side of the middle part.
+const SAMPLES: usize = 129;
+/// Half windows that the rays may reach.
+const LARGEST: f64 = 8.0;
+/// Samples of the Huygens sum to either side, at most.
+pub(in crate::design) const MAX_HALF: usize = 900;
+/// Rays of a height, along and around the pupil.
+const RAYS: (usize, usize) = (24, 40);
+/// Places on the parallelogram of a ray along each side, at most.
+const MAX_PLACES: f64 = 48.0;
+
+/// The tails, with a middle part, at `heights` (those that `pupils` were made with, which have `edges`) of PSFs in windows of `window` samples of `pitch_um`, by Huygens sums of up
+/// to `max_half` samples to either side, or those of the window.
+///
+/// # Errors
+/// A ray that does not reach the image.
+pub(in crate::design) fn tail_with_middle(
+    tracer: &Tracer<'_>,
+    pupils: &Pupils<'_>,
+    (heights, edges): (&[f64], &[Edge]),
+    (window, pitch_um): (usize, f64),
+    max_half: usize,
+) -> Result<Result<BandTail, NoTail>, DesignError> {
+    let half_um = 0.5 * window as f64 * pitch_um;
+    let radius_um = CLEAR * blur_um(edges);
+    let none = NoTail { blur_um: blur_um(edges), half_um };
+    if radius_um > LARGEST * half_um {
+        return Ok(Err(none));
+    }
+    let half = ((radius_um / pitch_um).ceil() as usize).min(max_half).max(window / 2);
+    let grid = PsfGrid::new(half, pitch_um);
+    let at_height = |(h, edge): (&f64, &Edge)| {
+        let mut psf = Vec::new();
+        grid.psf_into(pupils.at(*h), 0.0, &mut PsfScratch::default(), &mut psf);
+        let mut c: Coefficients = [[0.0; TERMS]; ORDERS];
+        c[0][0] = 1e-3 * edge.tail_um;
+        let part = Part {
+            c,
+            window_mm: 1e-3 * half_um,
+            half_mm: 0.5e-3 * grid.size() as f64 * pitch_um,
+            radius_mm: 1e-3 * radius_um,
+        };
+        let bundle = match part.half_mm < part.radius_mm {
+            true => Some(Bundle::trace(tracer, tracer.field_of_height(*h)?, RAYS.0, RAYS.1)?),
+            false => None,
+        };
+        Ok((c, part.image(&psf, &grid, bundle.as_ref())))
+    };
+    let found: Vec<(Coefficients, Vec<f32>)> =
+        heights.par_iter().zip(edges).map(at_height).collect::<Result<_, DesignError>>()?;
+    let (coefficients, images): (Vec<_>, Vec<_>) = found.into_iter().unzip();
+    let pitch_mm = 2e-3 * radius_um / SAMPLES as f64;
+    let middle = Middle { size: SAMPLES, pitch_mm, samples: images.concat().into() };
+    let (inner_mm, height_mm) = (1e-3 * radius_um, heights.to_vec());
+    Ok(Ok(BandTail { inner_mm, height_mm, coefficients, middle: Some(middle) }))
+}
+
+/// What the middle part of a height follows from.
+struct Part {
+    /// Of T.
+    c: Coefficients,
+    /// Half a side of the window, and of the Huygens sum.
+    window_mm: f64,
+    half_mm: f64,
+    /// R.
+    radius_mm: f64,
+}
+
+impl Part {
+    /// The middle part of `psf`, shares of all light on the samples of `grid`, with the rays of `bundle` beyond it, if they are needed.
+    fn image(&self, psf: &[f32], grid: &PsfGrid, bundle: Option<&Bundle>) -> Vec<f32> {
+        let step = 2.0 * self.radius_mm / SAMPLES as f64;
+        let mut image = vec![0.0; SAMPLES * SAMPLES];
+        // All that is left for the light beyond.
+        let beyond = 1.0 - self.add_psf(psf, grid, step, &mut image) - light(&self.c, self.radius_mm);
+        let Some(bundle) = bundle else { return image.iter().map(|v| *v as f32).collect() };
+        let (mut rays, mut all) = (vec![0.0; SAMPLES * SAMPLES], 0.0);
+        for (weight, ray) in &bundle.rays {
+            all += 2.0 * weight * ray.flux / ray.n;
+            self.land(ray, &bundle.chief, *weight, step, &mut rays);
+        }
+        let place = |i: usize| (i as f64 - (SAMPLES / 2) as f64) * step;
+        let edge = |at: usize| {
+            let (x, y) = (place(at % SAMPLES), place(at / SAMPLES));
+            let r = (x * x + y * y).sqrt();
+            match x.abs().max(y.abs()) >= self.half_mm {
+                true => (self.c[0][0] / (r * r * r) - value(&self.c, self.radius_mm, x, y)) * step * step,
+                false => 0.0,
+            }
+        };
+        let edge: Vec<f64> = (0..rays.len()).map(edge).collect();
+        let (of_edge, of_rays) = (edge.iter().sum::<f64>(), rays.iter().sum::<f64>() / all);
+        // Shares of parts without light are 0.
+        let share = |light: f64, of: f64| if of > 0.0 { (light / of).max(0.0) } else { 0.0 };
+        let s = share(beyond - of_edge, of_rays).min(1.0);
+        let e = share(beyond - s * of_rays, of_edge);
+        let parts = image.iter().zip(&edge).zip(&rays);
+        parts.map(|((inside, edge), rays)| (inside + e * edge + s / all * rays) as f32).collect()
+    }
+
+    /// Adds (1 − τ) (p − T) of the samples up to R; Σ (p − T).
+    fn add_psf(&self, psf: &[f32], grid: &PsfGrid, step: f64, image: &mut [f64]) -> f64 {
+        let (n, pitch) = (grid.size(), 1e-3 * grid.pitch_um());
+        let place = |i: usize| (i as f64 - (n / 2) as f64) * pitch;
+        let mut sum = 0.0;
+        for (at, v) in psf.iter().enumerate() {
+            let (x, y) = (place(at % n), place(at / n));
+            let rest = f64::from(*v) - value(&self.c, self.radius_mm, x, y) * pitch * pitch;
+            sum += rest;
+            let r = (x * x + y * y).sqrt();
+            let share = 1.0 - core_share(r, self.window_mm);
+            if share > 0.0 && r < self.radius_mm {
+                add(x / step, y / step, share * rest, image);
+            }
+        }
+        sum
+    }
+
+    /// Adds the light of `ray`, and of its mirror image in the lower half of the pupil, to the squares of `step` mm beyond the Huygens sum that its cell of the pupil, of the area `weight`,
+    /// lands on.
+    fn land(&self, ray: &ImageRay, chief: &ImageRay, weight: f64, step: f64, sums: &mut [f64]) {
+        let side = weight.abs().sqrt();
+        let (x, y) = (ray.x.v - chief.x.v, ray.y.v);
+        let [by_p, by_q] = [0, 1].map(|k| (side * ray.x.d[k], side * ray.y.d[k]));
+        let places = |(dx, dy): (f64, f64)| {
+            (2.0 * dx.abs().max(dy.abs()) / step).ceil().clamp(1.0, MAX_PLACES) as usize
+        };
+        let (along, across) = (places(by_p), places(by_q));
+        let light = weight * ray.flux / ray.n / (along * across) as f64;
+        let share = |i: usize, n: usize| (i as f64 + 0.5) / n as f64 - 0.5;
+        for i in 0..along {
+            for j in 0..across {
+                let (s, t) = (share(i, along), share(j, across));
+                let (x, y) = (x + s * by_p.0 + t * by_q.0, y + s * by_p.1 + t * by_q.1);
+                if x.abs().max(y.abs()) >= self.half_mm {
+                    add(x / step, y / step, light, sums);
+                    add(x / step, -y / step, light, sums);
+                }
+            }
+        }
+    }
+}
+
+/// Adds `light` to the four samples about (x, y), in samples from the centre; none beyond the border.
+fn add(x: f64, y: f64, light: f64, sums: &mut [f64]) {
+    let half = (SAMPLES / 2) as f64;
+    let (x, y) = (x + half, y + half);
+    let last = (SAMPLES - 1) as f64;
+    if !((0.0..last).contains(&x) && (0.0..last).contains(&y)) {
+        return;
+    }
+    let (column, row) = (x as usize, y as usize);
+    let (s, t) = (x - column as f64, y - row as f64);
+    let at = row * SAMPLES + column;
+    for (to, share) in [
+        (at, (1.0 - s) * (1.0 - t)),
+        (at + 1, s * (1.0 - t)),
+        (at + SAMPLES, (1.0 - s) * t),
+        (at + SAMPLES + 1, s * t),
+    ] {
+        sums[to] += light * share;
+    }
+}
+
+#[cfg(test)]
+mod tests;
