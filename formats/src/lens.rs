@@ -112,6 +112,7 @@
 //! |---|---|---|---|
 //! | `ghost/ring` | (B) | mm | width of a ring: N rings reach the film's corner |
 //! | `ghost/operator/<band index>` | (M + 1, N, N_s) | 1 | G_m(j, i), 16 ≤ N ≤ 256; none exceeds that of order 0 |
+//! | `ghost/paths/<band index>` | (P, 8) | | optional, for reports: of each path the surfaces that reflect (counted from 1; 0: the film), shares of the light from axis and half field over that of the image on the axis, diameter of the light from the axis in mm, height on the film per pupil height and per tangent (mm), 1 if the operator has it |
 //! | `ghost/sensor_reflectance` | (B) | 1 | share that the film reflects, which the operators contain |
 //!
 //! # Values

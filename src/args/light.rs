@@ -7,13 +7,13 @@ use clap::Args;
 /// `lenscube lens light`
 #[derive(Debug, Args)]
 #[command(
-    after_help = "Example:\n  lenscube lens light double-gauss-28 --coatings mgf2 --wavelengths 400:700:50\n  lenscube lens light my.zmx --coatings design --sensor-reflectance 5%"
+    after_help = "Example:\n  lenscube lens light double-gauss-28 --coatings mgf2 --wavelengths 400:700:50\n  lenscube lens light my.zmx --coatings design --sensor-reflectance 5%\n  lenscube lens light ghosts.lens.zarr"
 )]
 pub struct LightArgs {
-    /// Design file, or name of a built-in design
-    #[arg(value_name = "DESIGN", help = format!("Design file ({DESIGN_FILES}), or name of a built-in design (`lens list`)"))]
-    pub design: String,
-    /// Wavelengths in nm: 400:700:50 (both ends included) or 450,550 [default: those of the design]
+    /// Design file, lens pack, or name of a built-in lens
+    #[arg(value_name = "LENS", help = format!("Design file ({DESIGN_FILES}), lens pack, or name of a built-in lens (`lens list`)"))]
+    pub lens: String,
+    /// Wavelengths in nm: 400:700:50 (both ends included) or 450,550 [default: those of the design, or all of the pack]
     #[arg(long, value_name = "NM")]
     pub wavelengths: Option<String>,
     /// Share that the film reflects like a mirror, for its ghosts: a number (0.05, 5%) or a table `wavelength_nm,reflectance` (.csv)

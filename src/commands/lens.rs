@@ -17,6 +17,7 @@ mod ghosts;
 mod import;
 mod light;
 mod list;
+mod pack_light;
 pub mod plots;
 mod psf;
 mod psf_figure;

@@ -206,7 +206,7 @@ fn of_lens(command: &LensCommand) -> Guard {
         LensCommand::List(args) => guard.may_write("--plot", args.plot.as_ref()),
         LensCommand::Diff(args) => guard.reads_lens(&args.a).reads_lens(&args.b),
         LensCommand::Camera(args) => guard.reads_lens(&args.design),
-        LensCommand::Light(args) => guard.reads_lens(&args.design),
+        LensCommand::Light(args) => guard.reads_lens(&args.lens),
     }
 }
 

@@ -5,6 +5,7 @@ use std::ops::Range;
 use std::path::{Path, PathBuf};
 use std::sync::OnceLock;
 
+use pipeline::design::ghost::report::PathFigures;
 use pipeline::design::ghost::rings::RingOperator;
 use pipeline::lens::planar::PsfPlaces;
 use pipeline::lens::{Lens, LensBand, PsfStack};
@@ -108,6 +109,15 @@ impl LensPack {
     pub fn ghost_operator(&self, band: usize) -> Result<Option<RingOperator>, LensPackError> {
         let read = |ghosts: &PackGhosts| read::ghost_operator(&self.store, band, ghosts.sizes);
         self.ghosts.as_ref().map(read).transpose()
+    }
+
+    /// Reads the paths of the ghosts of band `band`, the largest share on the axis first; none of a pack that does not list them.
+    ///
+    /// # Errors
+    /// A chunk is missing or damaged; numbers that no path has.
+    pub fn ghost_paths(&self, band: usize) -> Result<Option<Vec<PathFigures>>, LensPackError> {
+        let read = |_: &PackGhosts| read::ghost_paths(&self.store, band);
+        self.ghosts.as_ref().map_or(Ok(None), read)
     }
 
     /// Defaults used for missing arrays and attributes, one sentence each.

@@ -16,7 +16,7 @@ use super::attributes::{Attributes, PackAttributes};
 use super::error::LensPackError;
 use super::store::PackStore;
 pub use ghosts::PackGhosts;
-pub(super) use ghosts::operator as ghost_operator;
+pub(super) use ghosts::{operator as ghost_operator, paths as ghost_paths};
 use pipeline::bounds;
 use pipeline::lens::{Lens, LensBand};
 pub(crate) use planar::MAP_NUMBERS;

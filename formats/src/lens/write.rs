@@ -46,6 +46,8 @@ pub struct LensPackWriter {
     written: BTreeMap<StackKey, StackShape>,
     /// Ghosts written so far, by band.
     ghosts: BTreeMap<usize, GhostHead>,
+    /// Whether paths of ghosts were written.
+    has_ghost_paths: bool,
     /// Most samples of the PSFs of a band: those that are read again.
     max_samples: u64,
     /// Whether it was begun for a lens without rotational symmetry.
@@ -88,6 +90,7 @@ impl LensPackWriter {
             sink,
             written,
             ghosts: BTreeMap::new(),
+            has_ghost_paths: false,
             max_samples: MAX_SAMPLES,
             is_planar: false,
             has_pupils: false,
@@ -226,6 +229,9 @@ impl LensPackWriter {
         if self.ghost_tables(lens)? {
             self.json("ghost/zarr.json", &group)?;
             self.json("ghost/operator/zarr.json", &group)?;
+            if self.has_ghost_paths {
+                self.json("ghost/paths/zarr.json", &group)?;
+            }
             extras.push(GHOST);
         }
         if !extras.is_empty() {

@@ -2,6 +2,7 @@
 
 use super::{small_attributes, small_lens, small_psf};
 use lenscube_formats::lens::{LensPack, LensPackError, LensPackWriter};
+use pipeline::design::ghost::report::PathFigures;
 use pipeline::design::ghost::rings::{RingOperator, RingSizes};
 use std::path::Path;
 
@@ -61,6 +62,46 @@ fn ghosts_are_read_as_written_and_belong_to_the_digest_of_their_band() {
         assert_eq!(described.digest().unwrap(), pack.digest().unwrap());
         assert!(pack.check_unchanged().is_ok());
     }
+}
+
+#[test]
+fn paths_are_read_as_written_and_change_no_digest() {
+    let path = |share: f64| PathFigures {
+        surfaces: [0, 5],
+        axis_share: share,
+        half_share: 0.5 * share,
+        diameter_mm: 1.5,
+        height_per_pupil: 0.02,
+        height_per_tan: -30.0,
+        is_kept: true,
+    };
+    let dir = tempfile::tempdir().unwrap();
+    let lens = small_lens();
+    let write_paths = |name: &str, paths: &[PathFigures]| {
+        let mut writer = LensPackWriter::create(dir.path().join(name))?;
+        for (band, operator, reflectance) in both(2e-6, 0.1) {
+            writer.psf(band, &small_psf(&lens, band))?;
+            writer.ghosts(band, &operator, reflectance)?;
+        }
+        writer.ghost_paths(1, paths)?;
+        writer.finish(&lens, &small_attributes())?;
+        LensPack::open(dir.path().join(name))
+    };
+    let paths = [path(1e-3), path(2e-4)];
+    let pack = write_paths("paths.lens.zarr", &paths).unwrap();
+    assert_eq!(pack.ghost_paths(1).unwrap().as_deref(), Some(&paths[..]));
+    assert_eq!(pack.ghost_paths(0).unwrap(), None);
+    let without = write(&dir.path().join("without.lens.zarr"), &both(2e-6, 0.1)).unwrap();
+    assert_eq!(without.ghost_paths(1).unwrap(), None);
+    assert!(!dir.path().join("without.lens.zarr/ghost/paths").exists());
+    assert_eq!(pack.digest().unwrap(), without.digest().unwrap());
+    let error = write_paths("wrong.lens.zarr", &[path(f64::NAN)]).err().unwrap().to_string();
+    assert!(error.contains("ghost/paths/1"), "{error}");
+    let root = dir.path().join("paths.lens.zarr/ghost/paths/1");
+    let metadata = std::fs::read_to_string(root.join("zarr.json")).unwrap();
+    std::fs::write(root.join("zarr.json"), metadata.replace('8', "4")).unwrap();
+    let error = LensPack::open(dir.path().join("paths.lens.zarr")).unwrap().ghost_paths(1).unwrap_err();
+    assert!(error.to_string().contains("ghost/paths/1"), "{error}");
 }
 
 #[test]

@@ -6,8 +6,9 @@ use crate::job::ghosts::path_name;
 use crate::progress::{log_line, print};
 use anyhow::Result;
 use pipeline::design::System;
+use pipeline::design::ghost::first_order::FirstOrder;
 use pipeline::design::ghost::options::GhostOptions;
-use pipeline::design::ghost::report::PathReport;
+use pipeline::design::ghost::report::PathFigures;
 use pipeline::design::ghost::table::{GhostTable, ghost_table};
 use pipeline::design::ray::Tracer;
 use serde_json::{Value, json};
@@ -15,11 +16,18 @@ use serde_json::{Value, json};
 /// The sum of the ghosts from which on four reflections are worth a note.
 const MUCH: f64 = 0.05;
 
-/// Ghosts of a design at its primary wavelength.
+/// Ghosts at a wavelength.
 pub struct Ghosts {
-    table: GhostTable,
-    corner_mm: f64,
-    nm: f64,
+    /// The paths, the largest share on the axis first.
+    pub paths: Vec<PathFigures>,
+    /// First-order figures of each path of a design; none of a pack.
+    pub first_order: Vec<FirstOrder>,
+    /// Width of a ring, mm.
+    pub ring_mm: f64,
+    /// Height of the film's corner, mm.
+    pub corner_mm: f64,
+    /// The wavelength, nm.
+    pub nm: f64,
 }
 
 /// Those of `system`, for a film to the field of the tangent `edge_tan`; none of a lens with ideal coatings, which reflects nothing.
@@ -50,7 +58,13 @@ pub fn of_design(args: &LightArgs, system: &System, edge_tan: f64) -> Result<Opt
         return Ok(None);
     }
     notes(&table);
-    Ok(Some(Ghosts { table, corner_mm, nm }))
+    Ok(Some(Ghosts {
+        paths: table.paths.iter().map(|p| p.figures(system.image())).collect(),
+        first_order: table.paths.iter().map(|p| p.first_order).collect(),
+        ring_mm: table.ring_mm,
+        corner_mm,
+        nm,
+    }))
 }
 
 fn notes(table: &GhostTable) {
@@ -79,58 +93,59 @@ fn notes(table: &GhostTable) {
 
 impl Ghosts {
     /// As JSON.
-    pub fn json(&self, system: &System) -> Value {
-        let path = |p: &PathReport| {
+    pub fn json(&self) -> Value {
+        let path = |(k, p): (usize, &PathFigures)| {
+            let mut first_order = json!({
+                "height_per_pupil_height": p.height_per_pupil,
+                "height_per_tan_mm": p.height_per_tan,
+            });
+            if let Some(of_path) = self.first_order.get(k) {
+                first_order["share"] = of_path.share.into();
+                first_order["diameter_mm"] = (2.0 * of_path.blob_mm).into();
+            }
             json!({
-                "path": path_name(p.path, system.image()),
-                "share_on_axis": p.axis.share,
-                "share_at_half_field": p.half.share,
-                "density_per_mm2": finite(p.axis.density()),
-                "diameter_mm": p.axis.diameter_mm(),
-                "diameter_rings": p.axis.diameter_mm() / self.table.ring_mm,
-                "first_order": {
-                    "share": p.first_order.share,
-                    "diameter_mm": 2.0 * p.first_order.blob_mm,
-                    "height_per_pupil_height": p.first_order.height_per_pupil,
-                    "height_per_tan_mm": p.first_order.height_per_tan,
-                },
+                "path": path_name(p.surfaces),
+                "share_on_axis": p.axis_share,
+                "share_at_half_field": p.half_share,
+                "density_per_mm2": finite(p.density()),
+                "diameter_mm": p.diameter_mm,
+                "diameter_rings": p.diameter_mm / self.ring_mm,
+                "first_order": first_order,
             })
         };
-        let sum = |share: fn(&PathReport) -> f64| -> f64 { self.table.paths.iter().map(share).sum() };
+        let sum = |share: fn(&PathFigures) -> f64| -> f64 { self.paths.iter().map(share).sum() };
         json!({
             "wavelength_nm": self.nm,
             "film_corner_mm": self.corner_mm,
-            "ring_mm": self.table.ring_mm,
-            "share_on_axis": sum(|p| p.axis.share),
-            "share_at_half_field": sum(|p| p.half.share),
-            "paths": self.table.paths.iter().map(path).collect::<Vec<_>>(),
+            "ring_mm": self.ring_mm,
+            "share_on_axis": sum(|p| p.axis_share),
+            "share_at_half_field": sum(|p| p.half_share),
+            "paths": self.paths.iter().enumerate().map(path).collect::<Vec<_>>(),
         })
     }
 
     /// As text.
-    pub fn print(&self, system: &System) {
-        let Self { table, corner_mm, nm } = self;
-        let sum =
-            |share: fn(&PathReport) -> f64| -> f64 { 100.0 * table.paths.iter().map(share).sum::<f64>() };
+    pub fn print(&self) {
+        let Self { paths, ring_mm, corner_mm, nm, .. } = self;
+        let sum = |share: fn(&PathFigures) -> f64| -> f64 { 100.0 * paths.iter().map(share).sum::<f64>() };
         print(format!(
             "\nghosts at {nm:.1} nm: {} paths of two reflections; light over that of the image on the axis: from the axis {:.4} %, from half of the field {:.4} %",
-            table.paths.len(),
-            sum(|p| p.axis.share),
-            sum(|p| p.half.share)
+            paths.len(),
+            sum(|p| p.axis_share),
+            sum(|p| p.half_share)
         ));
         print(format!(
-            "light of a small source on the axis lands on a disc (of the same spread); rings of {:.3} mm to {corner_mm:.2} mm",
-            table.ring_mm
+            "light of a small source on the axis lands on a disc (of the same spread); rings of {ring_mm:.3} mm to {corner_mm:.2} mm"
         ));
         print("    path      axis   half field   per mm2    disc mm   rings".to_owned());
-        for p in &table.paths {
-            let (axis, half) = (100.0 * p.axis.share, 100.0 * p.half.share);
-            let density = finite(p.axis.density()).map_or("       -".to_owned(), |d| format!("{d:8.1e}"));
-            let diameter = p.axis.diameter_mm();
+        for p in paths {
+            let (axis, half) = (100.0 * p.axis_share, 100.0 * p.half_share);
+            let density = finite(p.density()).map_or("       -".to_owned(), |d| format!("{d:8.1e}"));
             print(format!(
-                "{:>8}  {axis:.1e} %  {half:.1e} %   {density}  {diameter:9.3}  {:6.1}",
-                path_name(p.path, system.image()),
-                diameter / table.ring_mm
+                "{:>8}  {axis:.1e} %  {half:.1e} %   {density}  {:9.3}  {:6.1}",
+                path_name(p.surfaces),
+                p.diameter_mm,
+                p.diameter_mm / ring_mm
             ));
         }
     }

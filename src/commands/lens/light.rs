@@ -1,9 +1,10 @@
 //! `lenscube lens light`: what a lens leaves of the light.
 
-use super::ghosts;
 use super::trace::wavelengths;
+use super::{ghosts, pack_light};
 use crate::args::{CoatingsArg, LightArgs};
 use crate::design;
+use crate::open;
 use crate::progress::{log_line, print};
 use anyhow::{Context, Result};
 use pipeline::design::System;
@@ -14,7 +15,10 @@ use serde_json::json;
 
 /// Runs the command.
 pub fn command(args: &LightArgs) -> Result<()> {
-    let system = design::open(&args.design, &args.parameters)?;
+    if !design::is_design(&args.lens) {
+        return pack_light::show(args, &open::lens(&args.lens)?);
+    }
+    let system = design::open(&args.lens, &args.parameters)?;
     let wavelengths_nm = match &args.wavelengths {
         Some(text) => wavelengths(text)?,
         None => {
@@ -24,7 +28,7 @@ pub fn command(args: &LightArgs) -> Result<()> {
             nm
         }
     };
-    let light = || format!("light of {}", args.design);
+    let light = || format!("light of {}", args.lens);
     let (edge_tan, edge_deg) = edge(&system).with_context(light)?;
     let figures: Vec<LightFigures> = wavelengths_nm
         .iter()
@@ -41,11 +45,11 @@ pub fn command(args: &LightArgs) -> Result<()> {
             "edge_field_tan": edge_tan,
             "bands": figures.iter().map(band).collect::<Vec<_>>(),
             "surfaces": surfaces.iter().map(surface).collect::<Vec<_>>(),
-            "ghosts": ghosts.as_ref().map(|g| g.json(&system)),
+            "ghosts": ghosts.as_ref().map(ghosts::Ghosts::json),
         }))?),
         false => {
             text(args, &system, edge_deg, &figures, &surfaces);
-            ghosts.iter().for_each(|g| g.print(&system));
+            ghosts.iter().for_each(ghosts::Ghosts::print);
         }
     }
     Ok(())

@@ -116,7 +116,8 @@ pub fn command(args: &TraceArgs) -> Result<()> {
         }
     }
     if let Some(ghosts) = &ghosts {
-        ghosts::add(&system, &options.wavelengths_nm, ghosts, &mut pack).with_context(context)?;
+        ghosts::add(&system, &options.wavelengths_nm, ghosts, (&mut pack, args.sealed))
+            .with_context(context)?;
     }
     let mut attributes = attributes(&args.design, &args.parameters, &options, &reports);
     if let Some(drawn) = drawn {

@@ -55,7 +55,7 @@ const LINES: &[&str] = &[
     "verify film |",
     "status film |",
     "view film --chart=chart --lens=lens |",
-    "lens light design |",
+    "lens light lens |",
     "bench --lens=lens |",
 ];
 

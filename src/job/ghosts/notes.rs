@@ -2,7 +2,6 @@
 
 use crate::progress::{log_line, number};
 use pipeline::design::System;
-use pipeline::design::ghost::GhostPath;
 use pipeline::design::ghost::operator::BandGhosts;
 use pipeline::design::ghost::options::GhostOptions;
 use pipeline::design::ghost::path::ghost_paths;
@@ -26,7 +25,7 @@ pub fn small_ghosts(system: &System, band: &BandGhosts) -> Vec<String> {
         let [axis, half] = path.understated(sizes);
         notes.push(format!(
             "note: ghost {} at {} nm: {diameter_mm:.2} mm on the axis, {rings:.1} rings: of a lamp smaller than a ring its peak is understated {axis:.1} x there, up to {half:.1} x at half field; --ghost-rings makes rings finer",
-            path_name(path.path, system.image()),
+            path_name(path.figures(system.image()).surfaces),
             number(band.wavelength_nm),
         ));
     }
@@ -41,8 +40,8 @@ pub fn note_left_out(system: &System, options: &GhostOptions) {
     }
 }
 
-/// `11-9`, the film by name.
-pub fn path_name(path: GhostPath, film: usize) -> String {
-    let surface = |k: usize| if k == film { "film".to_owned() } else { (k + 1).to_string() };
-    format!("{}-{}", surface(path.first), surface(path.second))
+/// `11-9`, the film by name: it has the number 0.
+pub fn path_name(surfaces: [usize; 2]) -> String {
+    let [first, second] = surfaces.map(|k| if k == 0 { "film".to_owned() } else { k.to_string() });
+    format!("{first}-{second}")
 }

@@ -4,6 +4,7 @@ use super::{Arrays, PackArray};
 use crate::lens::error::LensPackError;
 use crate::lens::store::PackStore;
 use pipeline::bounds;
+use pipeline::design::ghost::report::PathFigures;
 use pipeline::design::ghost::rings::{RingOperator, RingSizes};
 
 /// Ghosts of a pack but their operators, which [`LensPack::ghosts`](crate::lens::LensPack::ghosts) reads.
@@ -56,6 +57,31 @@ fn operator_array(store: &PackStore, band: usize, sizes: RingSizes) -> Result<Pa
     array.expect_shape(&sizes.shape(), "orders, rings of the film, rings of the scene")?;
     array.expect_at_most(&bounds::GHOST_NUMBERS)?;
     Ok(array)
+}
+
+/// Reads the paths of the ghosts of band `band`; none of a pack that does not list them.
+pub(in crate::lens) fn paths(
+    store: &PackStore,
+    band: usize,
+) -> Result<Option<Vec<PathFigures>>, LensPackError> {
+    let name = format!("ghost/paths/{band}");
+    let Some(array) = PackArray::open_optional(store, &name)? else { return Ok(None) };
+    match array.shape[..] {
+        [_, columns] if columns == PathFigures::NUMBERS as u64 => {}
+        _ => return Err(array.shape_error(format!("[paths, {}]", PathFigures::NUMBERS))),
+    }
+    array.expect_at_most(&bounds::TABLE_NUMBERS)?;
+    let values = array.read()?;
+    let rows = values.as_chunks::<{ PathFigures::NUMBERS }>().0;
+    let invalid = |row: usize| LensPackError::Ghosts {
+        path: store.path.clone(),
+        array: name.clone(),
+        problem: format!("path {row} has the numbers {:?}, which no path has", rows[row]),
+    };
+    let path = |(row, numbers): (usize, &[f64; PathFigures::NUMBERS])| {
+        PathFigures::of_numbers(*numbers).ok_or_else(|| invalid(row))
+    };
+    rows.iter().enumerate().map(path).collect::<Result<_, _>>().map(Some)
 }
 
 /// Reads the operator of band `band`, of rings of `sizes`.

@@ -2,6 +2,7 @@
 
 use super::LensPackWriter;
 use crate::lens::error::LensPackError;
+use pipeline::design::ghost::report::PathFigures;
 use pipeline::design::ghost::rings::RingOperator;
 use pipeline::lens::Lens;
 
@@ -35,6 +36,24 @@ impl LensPackWriter {
             &["order", "film_ring", "scene_ring"],
             &bytes,
         )
+    }
+
+    /// Writes the paths of the ghosts of band `band`, which films do not depend on.
+    ///
+    /// # Errors
+    /// Numbers that no path has; an error of the disk.
+    pub fn ghost_paths(&mut self, band: usize, paths: &[PathFigures]) -> Result<(), LensPackError> {
+        let name = format!("ghost/paths/{band}");
+        if let Some(path) = paths.iter().find(|path| PathFigures::of_numbers(path.numbers()).is_none()) {
+            return Err(self.invalid(format!("{name} has the path {path:?}")));
+        }
+        if paths.is_empty() {
+            return Ok(());
+        }
+        self.has_ghost_paths = true;
+        let bytes: Vec<u8> = paths.iter().flat_map(PathFigures::numbers).flat_map(f64::to_ne_bytes).collect();
+        let shape = [paths.len(), PathFigures::NUMBERS];
+        self.array(&name, "float64", &shape, "1, but column 4 and 6: mm", &["path", "figure"], &bytes)
     }
 
     /// Writes the rings and reflectances of the bands of `lens`, of which all have ghosts or none; whether they have.

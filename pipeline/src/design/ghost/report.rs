@@ -29,6 +29,84 @@ pub struct PathReport {
     pub is_kept: bool,
 }
 
+/// A ghost path in numbers, as a lens pack has it.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct PathFigures {
+    /// Numbers of the surfaces that reflect, in the order of the light, counted from 1; 0: the film.
+    pub surfaces: [usize; 2],
+    /// Light from the axis, over that of the image there.
+    pub axis_share: f64,
+    /// Light from half of the film's corner, over that of the image on the axis.
+    pub half_share: f64,
+    /// Diameter of an even disc of the spread of the light from the axis, mm.
+    pub diameter_mm: f64,
+    /// x on the film per height in the entrance pupil, first order.
+    pub height_per_pupil: f64,
+    /// x on the film per tangent of the field angle, first order, mm.
+    pub height_per_tan: f64,
+    /// Whether the operator has it.
+    pub is_kept: bool,
+}
+
+impl PathFigures {
+    /// Numbers of a path.
+    pub const NUMBERS: usize = 8;
+
+    /// Share from the axis per area of the disc, 1/mm²; infinite of a point.
+    pub fn density(&self) -> f64 {
+        self.axis_share / (0.25 * std::f64::consts::PI * self.diameter_mm * self.diameter_mm)
+    }
+
+    /// Its numbers, in the order of the fields.
+    pub fn numbers(&self) -> [f64; Self::NUMBERS] {
+        let [first, second] = self.surfaces.map(|k| k as f64);
+        let Self { axis_share, half_share, diameter_mm, height_per_pupil, height_per_tan, is_kept, .. } =
+            *self;
+        let kept = f64::from(u8::from(is_kept));
+        [first, second, axis_share, half_share, diameter_mm, height_per_pupil, height_per_tan, kept]
+    }
+
+    /// The path of [`PathFigures::numbers`]; none of numbers that no path has.
+    pub fn of_numbers(numbers: [f64; Self::NUMBERS]) -> Option<Self> {
+        /// Surfaces of a lens at most.
+        const SURFACES: f64 = 1e5;
+        let [first, second, axis_share, half_share, diameter_mm, height_per_pupil, height_per_tan, kept] =
+            numbers;
+        let is_surface = |v: f64| v.fract() == 0.0 && (0.0..SURFACES).contains(&v);
+        let is_size = |v: f64| v.is_finite() && v >= 0.0;
+        let is_valid = is_surface(first)
+            && is_surface(second)
+            && [axis_share, half_share, diameter_mm].into_iter().all(is_size)
+            && height_per_pupil.is_finite()
+            && height_per_tan.is_finite()
+            && [0.0, 1.0].contains(&kept);
+        is_valid.then_some(Self {
+            surfaces: [first as usize, second as usize],
+            axis_share,
+            half_share,
+            diameter_mm,
+            height_per_pupil,
+            height_per_tan,
+            is_kept: kept == 1.0,
+        })
+    }
+}
+
+impl PathReport {
+    /// In numbers, of a lens whose film is surface `film`, from 0.
+    pub fn figures(&self, film: usize) -> PathFigures {
+        PathFigures {
+            surfaces: [self.path.first, self.path.second].map(|k| if k == film { 0 } else { k + 1 }),
+            axis_share: self.axis.share,
+            half_share: self.half.share,
+            diameter_mm: self.axis.diameter_mm(),
+            height_per_pupil: self.first_order.height_per_pupil,
+            height_per_tan: self.first_order.height_per_tan,
+            is_kept: self.is_kept,
+        }
+    }
+}
+
 /// Sorts `paths` by their share on the axis, the largest first.
 pub(super) fn sort(paths: &mut [PathReport]) {
     paths.sort_by(|a, b| b.axis.share.total_cmp(&a.axis.share));
@@ -61,6 +139,33 @@ pub(super) fn leave_out(paths: &mut [PathReport]) {
         if lights.into_iter().all(is_faint) {
             left_out = with;
             paths[k].is_kept = false;
+        }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn numbers_of_a_path_give_it_back_and_wrong_ones_none() {
+        let path = PathFigures {
+            surfaces: [0, 7],
+            axis_share: 2.5e-3,
+            half_share: 1e-3,
+            diameter_mm: 0.8,
+            height_per_pupil: -0.01,
+            height_per_tan: 40.0,
+            is_kept: true,
+        };
+        assert_eq!(PathFigures::of_numbers(path.numbers()), Some(path));
+        assert!((path.density() * std::f64::consts::PI * 0.16 - 2.5e-3).abs() < 1e-15);
+        for (k, wrong) in
+            [(0, 1.5), (1, -1.0), (2, f64::NAN), (3, -1e-9), (4, f64::INFINITY), (6, f64::NAN), (7, 0.5)]
+        {
+            let mut numbers = path.numbers();
+            numbers[k] = wrong;
+            assert_eq!(PathFigures::of_numbers(numbers), None, "{k}: {wrong}");
         }
     }
 }

@@ -12,6 +12,7 @@ use pipeline::design::ghost::estimate::ghost_seconds;
 use pipeline::design::ghost::geometry_nm;
 use pipeline::design::ghost::operator::trace_ghosts;
 use pipeline::design::ghost::options::GhostOptions;
+use pipeline::design::ghost::report::PathFigures;
 use pipeline::design::trace::TraceOptions;
 
 /// Fails for flags of ghosts that contradict each other or others.
@@ -63,7 +64,7 @@ pub fn asked(args: &TraceArgs, trace: &TraceOptions) -> Result<Option<GhostOptio
     Ok(Some(options))
 }
 
-/// Traces the ghosts of `system` at `wavelengths_nm`, ascending, and writes them to `pack`.
+/// Traces the ghosts of `system` at `wavelengths_nm`, ascending, and writes them to `pack`; a sealed one has no paths.
 ///
 /// # Errors
 /// As [`trace_ghosts`] and [`LensPackWriter::ghosts`].
@@ -71,7 +72,7 @@ pub fn add(
     system: &System,
     wavelengths_nm: &[f64],
     options: &GhostOptions,
-    pack: &mut LensPackWriter,
+    (pack, is_sealed): (&mut LensPackWriter, bool),
 ) -> Result<()> {
     note_left_out(system, options);
     let seconds = ghost_seconds(system, options, wavelengths_nm);
@@ -82,6 +83,12 @@ pub fn add(
         for ghosts in trace_ghosts(system, group, options)? {
             small_ghosts(system, &ghosts).into_iter().for_each(log_line);
             pack.ghosts(band, &ghosts.operator, options.film_reflectance.at(ghosts.wavelength_nm)?)?;
+            // The paths tell of the surfaces.
+            if !is_sealed {
+                let paths: Vec<PathFigures> =
+                    ghosts.paths.iter().map(|p| p.figures(system.image())).collect();
+                pack.ghost_paths(band, &paths)?;
+            }
             band += 1;
         }
     }
