@@ -131,33 +131,21 @@ pub struct Job {
 }
 
 impl Job {
-    /// Resolves `args`.
-    ///
-    /// # Errors
-    /// Every error of the run that can be found before its first pixel.
-    pub fn new(args: &RunArgs) -> Result<Self> {
-        Self::resolve(args, None)
-    }
-
     /// Resolves `args` for some bands of a plan. Film and identity are those of the complete job.
     ///
     /// # Errors
-    /// As [`Job::new`]; a chart with fewer bands than planned (exit code 3).
+    /// Every error of the run that can be found before its first pixel; a chart with fewer bands than planned (exit code 3).
     pub fn for_planned_bands(args: &RunArgs, planned: PlannedBands<'_>) -> Result<Self> {
-        Self::resolve(args, Some(planned))
+        UntracedJob::resolve(args, Some(planned))?.traced()
     }
 
     /// Resolves `args` for arrays in memory, which no film in a store is for; its lens is one of `known`, or kept there.
     ///
     /// # Errors
-    /// As [`Job::new`].
+    /// As [`Job::for_planned_bands`].
     pub fn of_arrays(args: &RunArgs, chart: ArrayChart, known: &Arc<KnownLenses>) -> Result<Self> {
         let opened = Opened::with_chart(args, Chart::Array(Box::new(chart)))?.among(known);
         UntracedJob::resolve_opened(args, opened, None)?.traced()
-    }
-
-    fn resolve(args: &RunArgs, planned: Option<PlannedBands<'_>>) -> Result<Self> {
-        UntracedJob::resolve(args, planned)?.traced()
     }
 
     /// The device that computes, in the form of `--device`.
@@ -191,6 +179,16 @@ impl<'a> UntracedJob<'a> {
     /// Every error of the run that can be found without tracing.
     pub fn new(args: &'a RunArgs) -> Result<Self> {
         Self::resolve(args, None)
+    }
+
+    /// Whether its lens is a pack.
+    pub fn has_pack(&self) -> bool {
+        matches!(self.lens, UntracedLens::Pack(_))
+    }
+
+    /// Whether the surfaces of its chart lie at several distances.
+    pub fn has_distances(&self) -> bool {
+        self.inputs.depth.is_some()
     }
 
     fn resolve(args: &'a RunArgs, planned: Option<PlannedBands<'a>>) -> Result<Self> {

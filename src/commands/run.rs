@@ -3,7 +3,7 @@
 //! Order of checks, each before anything that a later one may change:
 //!
 //! 1. [`Guard`]: the film is no input of the job, contains none and lies in none.
-//! 2. [`Job::new`], before the film is opened for writing: arguments, the film's recorded engine and the device; metadata of chart and lens, film geometry;
+//! 2. [`UntracedJob`](crate::job::UntracedJob) and its trace, before the film is opened for writing: arguments, the film's recorded engine and the device; metadata of chart and lens, film geometry;
 //!    film layout, the lens traced or read for all bands; memory; limit of chart values; identity (digests of lens and chart).
 //! 3. [`film::open`]: the film is created. If something exists at its path, temporary files beside it are removed and it is opened: metadata,
 //!    then identity and layout (exit code 3; `--trust-input` accepts other modification times of the chart; with `--check-input` the content of its files is compared instead).

@@ -4,8 +4,7 @@
 use crate::args::RunArgs;
 use crate::commands::lens::trace::bytes_of;
 use crate::failure::{other_job, usage};
-use crate::job::Job;
-use crate::job::lens::JobLens;
+use crate::job::{Job, UntracedJob};
 use crate::progress::{log_line, plural};
 use anyhow::{Context, Result};
 use formats::durable::{parent_of, publish, remove_temp, sweep_entries, temp_name};
@@ -21,15 +20,16 @@ pub fn write(run: &RunArgs, path: &Path) -> Result<String> {
     let name = path
         .to_str()
         .ok_or_else(|| usage("--lens-pack: the path is not UTF-8, so it cannot be stored in a plan"))?;
-    let job = Job::new(run)?;
-    let JobLens::Traced(_) = &job.lens else {
+    let untraced = UntracedJob::new(run)?;
+    if untraced.has_pack() {
         return Err(usage(format!("--lens-pack: `{}` is a lens pack already; omit the flag", run.lens)));
-    };
-    if run.veil.ghosts.is_on() && job.lens.lens().depth.is_some() {
+    }
+    if run.veil.ghosts.is_on() && untraced.has_distances() {
         return Err(usage(
             "--lens-pack: a pack with depth nodes has no ghosts; leave out --lens-pack or --ghosts on",
         ));
     }
+    let job = untraced.traced()?;
     sweep_entries(parent_of(path))?;
     let zip = path.extension().is_some_and(|e| e.eq_ignore_ascii_case("zip"));
     let temp = path.with_file_name(format!("{}{}", temp_name(), if zip { ".zip" } else { "" }));

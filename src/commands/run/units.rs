@@ -73,7 +73,7 @@ impl Units {
     /// The job with the bands of these units.
     ///
     /// # Errors
-    /// As [`Job::new`]; chart, lens or arguments differ from the plan (exit code 3).
+    /// As [`Job::for_planned_bands`]; chart, lens or arguments differ from the plan (exit code 3).
     pub fn job(&self, args: &RunArgs) -> Result<Job> {
         let bands = self.plan.bands(&self.list);
         let job = Job::for_planned_bands(args, self.plan.planned_bands(&bands))?;
