@@ -123,7 +123,7 @@ impl<T: Triangles> Appearance<'_, T> {
         let corners = self.triangles.corners(triangle);
         let along = |k: usize| std::array::from_fn(|c| corners[k][c] - corners[0][c]);
         let Some(normal) = unit(cross(along(1), along(2))) else { return sums };
-        for hit in hits {
+        for (number, hit) in hits.iter().enumerate() {
             let away = (normal[0] * hit.x + normal[1] * hit.y) + normal[2] > 0.0;
             let geometric = if away { scaled(normal, -1.0) } else { normal };
             let point = [hit.x, hit.y, 1.0].map(|v| v / hit.vergence);
@@ -131,7 +131,7 @@ impl<T: Triangles> Appearance<'_, T> {
             let start = std::array::from_fn(|k| point[k] + geometric[k] * offset);
             let shading = self.shading_normal(owner, hit, geometric);
             let site = Site { start, geometric, shading };
-            self.lighting.add(&site, |ray| self.is_blocked(ray), &mut sums);
+            self.lighting.add(&site, (number, hits.len()), |ray| self.is_blocked(ray), &mut sums);
         }
         sums
     }

@@ -6,7 +6,8 @@
 //! multiplied by a reflectance, w is a weight of [`super::weights`]. E_i: illuminance on a plane perpendicular to the rays, lx; of a point of I cd at r metres
 //! I/r². E_v: illuminance of the scene, lx. E_sky: illuminance below an open sky of constant luminance E_sky/π in all directions; L_env: luminance of a map,
 //! cd/m² of white. n: normal of the triangle on the side of the camera, n_g, or the interpolated one, n_s; light below the triangle (n_g·l ≤ 0) does not count.
-//! d_m: M fixed directions of density cos/π about n, the same at every place: an error shows as bands, not as noise.
+//! d_m: M fixed directions of density cos/π about n, the same at every place: an error shows as bands, not as noise. Of the places where the samples of a pixel hit
+//! a triangle, n of them, each has a share of the directions: hit i those with m modulo n = i, n times their light, so that a pixel has all of them once.
 //! vis: 0 if a triangle blocks the ray from the place, moved by 10⁻⁶ of its distance along n_g, to the source ([`shadow`]).
 //! Left out: light that a surface reflects onto another; the size of the sun. Sources of range and cone: `KHR_lights_punctual` of glTF 2.0.
 
@@ -116,8 +117,14 @@ impl Lighting {
         self.sources.len() + self.directions.len()
     }
 
-    /// Adds w_l of a place to `sums`, one per spectrum.
-    pub fn add(&self, site: &Site, mut is_blocked: impl FnMut(&ShadowRay) -> bool, sums: &mut [f64]) {
+    /// Adds w_l of a place to `sums`, one per spectrum; `hit` and `hits`: its number among the places of a triangle in a pixel, and how many these are.
+    pub fn add(
+        &self,
+        site: &Site,
+        (hit, hits): (usize, usize),
+        mut is_blocked: impl FnMut(&ShadowRay) -> bool,
+        sums: &mut [f64],
+    ) {
         if self.is_even {
             sums[0] += 1.0;
             return;
@@ -152,14 +159,21 @@ impl Lighting {
             }
         }
         if !self.directions.is_empty() {
-            self.add_sky(site, is_blocked, sums);
+            self.add_sky(site, (hit, hits), is_blocked, sums);
         }
     }
 
-    fn add_sky(&self, site: &Site, mut is_blocked: impl FnMut(&ShadowRay) -> bool, sums: &mut [f64]) {
+    fn add_sky(
+        &self,
+        site: &Site,
+        (hit, hits): (usize, usize),
+        mut is_blocked: impl FnMut(&ShadowRay) -> bool,
+        sums: &mut [f64],
+    ) {
         let [t, b] = tangents(site.shading);
+        let of_direction = hits as f64 / self.directions.len() as f64;
         let mut open = 0usize;
-        for d in &self.directions {
+        for d in self.directions.iter().skip(hit).step_by(hits) {
             let direction: [f64; 3] =
                 std::array::from_fn(|k| d[0] * t[k] + d[1] * b[k] + d[2] * site.shading[k]);
             let ray = ShadowRay { start: site.start, direction, end: f64::INFINITY };
@@ -168,12 +182,12 @@ impl Lighting {
             }
             open += 1;
             if let Some((map, spectra)) = &self.environment {
-                let of_direction = self.weight_of_luminance() / self.directions.len() as f64;
+                let unit = self.weight_of_luminance() * of_direction;
                 let light = map.mean_luminance(direction);
-                spectra.iter().zip(light).for_each(|(s, luminance)| sums[*s] += luminance * of_direction);
+                spectra.iter().zip(light).for_each(|(s, luminance)| sums[*s] += luminance * unit);
             }
         }
-        sums[0] += self.sky * (open as f64 / self.directions.len() as f64);
+        sums[0] += self.sky * (open as f64 * of_direction);
     }
 }
 

@@ -36,7 +36,7 @@ fn site(normal: [f64; 3]) -> Site {
 
 fn sums(lighting: &Lighting, site: &Site, is_blocked: impl FnMut(&ShadowRay) -> bool) -> Vec<f64> {
     let mut sums = vec![0.0; lighting.spectra().len()];
-    lighting.add(site, is_blocked, &mut sums);
+    lighting.add(site, (0, 1), is_blocked, &mut sums);
     sums
 }
 
@@ -143,6 +143,30 @@ fn an_open_sky_is_exact_and_half_of_one_within_3_percent() {
 }
 
 /// A white map lights as an open sky, each of its three parts alone; a map lit in the north lights what faces north.
+#[test]
+fn hits_of_a_pixel_share_the_directions_of_the_sky() {
+    let sun = Sun { azimuth_deg: 0.0, elevation_deg: 60.0, illuminance_lx: 700.0 };
+    let light = lighting(LightRequest { sun: Some(sun), sky_lx: Some(300.0), ..request() });
+    let ground = site([0.0, 1.0, 0.0]);
+    // A quarter of the sky is hidden.
+    let is_hidden = |ray: &ShadowRay| ray.direction[0] > 0.0 && ray.direction[2] > 0.0;
+    let one = sums(&light, &ground, is_hidden);
+    for hits in [1, 3, 16, 64, 100] {
+        let (mut rays, mut all) = (0, vec![0.0; one.len()]);
+        for hit in 0..hits {
+            let count = |ray: &ShadowRay| {
+                rays += 1;
+                is_hidden(ray)
+            };
+            light.add(&ground, (hit, hits), count, &mut all);
+        }
+        assert_eq!(rays, 64 + hits, "one ray a hit to the sun, one a direction");
+        for (all, one) in all.iter().zip(&one) {
+            assert!((all - hits as f64 * one).abs() < 1e-12 * hits as f64, "{hits}: {all} {one}");
+        }
+    }
+}
+
 #[test]
 fn a_map_lights_from_its_directions() {
     let of = |value: &dyn Fn(usize) -> f32| {
