@@ -87,9 +87,9 @@ impl Lenses {
         lenses
     }
 
-    /// As [`Lenses::with_tails`], whose windows of 61 px hold a core, and bins a middle part.
+    /// As [`Lenses::with_tails`], whose windows of 71 px hold a core, and bins a middle part.
     pub fn with_middle(noise: &mut Noise, frame: &Frame) -> Self {
-        let mut lenses = Self::with_tails(noise, frame, 61);
+        let mut lenses = Self::with_tails(noise, frame, 71);
         let tail = lenses.lens.bands[0].tail.as_mut().expect("made with tails");
         let size = 31;
         tail.inner_mm = 80.0 * frame.pitch_mm();
