@@ -157,7 +157,7 @@ pub fn note(args: &RunArgs, plan: &JobPlan, has_depth: bool) -> Option<String> {
         ));
     }
     Some(format!(
-        "{} of {} (from {} nm on) without tails, as rays at the edge of the pupil land far beyond their windows, or windows have fewer than 11 film pixels (64 where rays land beyond them): \
+        "{} of {} (from {} nm on) without tails, as rays at the edge of the pupil land far beyond their windows, or windows have fewer than 11 film pixels (40 where rays land beyond them): \
          {scaled}, so edges are up to {error:.1} % of white wrong",
         plural(without().count(), "band"),
         plan.bands.len(),

@@ -25,7 +25,7 @@ const AZIMUTHS: usize = 48;
 /// Bytes of spectra and kernels.
 pub(super) const CACHE_BYTES: usize = 48 << 20;
 /// Bins in half a window, at least: the core ends over three fifths of it.
-const BINS_IN_HALF: f64 = 16.0;
+const BINS_IN_HALF: f64 = 10.0;
 /// Bins of level 1 in the radius of the power laws, at least.
 const BINS_IN_RADIUS: f64 = 5.0;
 /// Largest kernel, bins a side.

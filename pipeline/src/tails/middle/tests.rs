@@ -68,10 +68,10 @@ fn layer(plan: &TailPlan, frame: &Frame, light: &dyn Light, simd: Simd, threads:
 #[test]
 fn bins_follow_from_core_and_radius() {
     let of = |half_px, inner_px| bin_px(half_px, inner_px, (2, 8), 4);
-    assert_eq!(of(128.0, 180.0), Some(8));
-    assert_eq!(of(128.0, 159.0), Some(4));
-    assert_eq!(of(127.0, 700.0), Some(4));
-    assert_eq!(of(31.0, 80.0), None);
+    assert_eq!(of(80.0, 180.0), Some(8));
+    assert_eq!(of(80.0, 159.0), Some(4));
+    assert_eq!(of(79.0, 700.0), Some(4));
+    assert_eq!(of(19.0, 80.0), None);
     assert_eq!(of(400.0, 1800.0), None, "too large a kernel");
 }
 
