@@ -99,7 +99,7 @@
 //!
 //! | array | shape | unit | contents |
 //! |---|---|---|---|
-//! | `tail/middle_pitch` | (B) | mm | pitch of the samples; NaN: this band has no middle part |
+//! | `tail/middle_pitch` | (B) | mm | pitch of the samples, 2 R/n; NaN: this band has no middle part |
 //! | `tail/middle/<band>` | (H of the band, n, n) | share of the light | one image a height, the field point on +x, row down, the chief ray in the centre; n odd |
 //!
 //! # Ghosts

@@ -53,7 +53,7 @@ fn tails_are_read_as_written_and_belong_to_the_digest_of_their_band() {
 fn middle_parts_are_read_as_written_and_belong_to_the_digest_of_their_band() {
     let mut lens = lens_with_tail();
     let samples = (0..27).map(|i| 1e-3 * (i + 1) as f32).collect();
-    let middle = Some(Middle { size: 3, pitch_mm: 0.02, samples });
+    let middle = Some(Middle { size: 3, pitch_mm: 0.04 / 3.0, samples });
     lens.bands[1].tail.as_mut().unwrap().middle = middle;
     for name in ["small.lens.zarr", "small.lens.zip"] {
         let (_dir, pack) = written(&lens, name);
@@ -69,6 +69,14 @@ fn middle_parts_are_read_as_written_and_belong_to_the_digest_of_their_band() {
     std::fs::remove_file(root.join("tail/middle/1/c/0/0/0")).unwrap();
     let error = LensPack::open(&root).err().unwrap().to_string();
     assert!(error.contains("tail/middle/1"), "{error}");
+    // Samples far beyond the radius.
+    let mut wide = lens.clone();
+    wide.bands[1].tail.as_mut().unwrap().middle.as_mut().unwrap().pitch_mm = 2.0;
+    let path = dir.path().join("wide.lens.zip");
+    let stacks = (0..2).map(|b| Ok::<_, LensPackError>(small_psf(&wide, b)));
+    write(&path, &wide, &small_attributes(), stacks).unwrap();
+    let error = LensPack::open(&path).err().unwrap().to_string();
+    assert!(error.contains("tail/middle_pitch") && error.contains("tail/inner_radius"), "{error}");
     // All of the light, and none.
     for factor in [100.0, 0.0] {
         let mut wrong = lens.clone();

@@ -8,13 +8,13 @@ use pipeline::lens::tail::{BandTail, ORDERS, TERMS};
 
 /// Reads the tail of each band; none where its `inner_radius` is NaN. `has_middle`: some have a middle part.
 pub(super) fn read(tables: &Arrays<'_>, has_middle: bool) -> Result<Vec<Option<BandTail>>, LensPackError> {
-    let mut middles = match has_middle {
-        true => middles(tables)?,
-        false => vec![None; tables.bands],
-    };
     let radius = PackArray::open(tables.store, "tail/inner_radius")?;
     radius.expect_shape(&[tables.bands], "bands")?;
     let radius = radius.read()?;
+    let mut middles = match has_middle {
+        true => middles(tables, &radius)?,
+        false => vec![None; tables.bands],
+    };
     let heights = tables.rows("tail/height", None)?;
     let array = PackArray::open(tables.store, "tail/coefficient")?;
     array.expect_shape(
@@ -40,9 +40,12 @@ pub(super) fn read(tables: &Arrays<'_>, has_middle: bool) -> Result<Vec<Option<B
     (0..tables.bands).map(&mut band).collect()
 }
 
-/// The middle parts of the bands that have one: those with a pitch.
-fn middles(tables: &Arrays<'_>) -> Result<Vec<Option<Middle>>, LensPackError> {
-    let pitch = PackArray::open(tables.store, "tail/middle_pitch")?;
+/// The middle parts of the bands that have one: those with a pitch. Their samples cover a square of twice the `radius`.
+fn middles(tables: &Arrays<'_>, radius: &[f64]) -> Result<Vec<Option<Middle>>, LensPackError> {
+    const PITCH: &str = "tail/middle_pitch";
+    /// Largest relative difference of the square's side.
+    const DIFFERENCE: f64 = 0.01;
+    let pitch = PackArray::open(tables.store, PITCH)?;
     pitch.expect_shape(&[tables.bands], "bands")?;
     let of_band = |(b, pitch_mm): (usize, f64)| {
         if pitch_mm.is_nan() {
@@ -54,6 +57,18 @@ fn middles(tables: &Arrays<'_>) -> Result<Vec<Option<Middle>>, LensPackError> {
             _ => return Err(array.shape_error("[heights of tail/height, samples, as many samples]".into())),
         };
         array.expect_at_most(&bounds::TABLE_NUMBERS)?;
+        let covers = size as f64 * pitch_mm / (2.0 * radius[b]);
+        // Also false of a band without a radius.
+        let fits = (covers - 1.0).abs() <= DIFFERENCE;
+        if !fits {
+            return Err(tables.value(
+                PITCH,
+                b,
+                0,
+                pitch_mm,
+                "twice tail/inner_radius over the samples a side",
+            ));
+        }
         let read = array.read_as(|v| v as f32)?;
         if let Some(chunk) = read.missing {
             return Err(array.missing_chunk(chunk));

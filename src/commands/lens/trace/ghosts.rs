@@ -83,7 +83,7 @@ pub fn add(
         for ghosts in trace_ghosts(system, group, options)? {
             small_ghosts(system, &ghosts).into_iter().for_each(log_line);
             pack.ghosts(band, &ghosts.operator, options.film_reflectance.at(ghosts.wavelength_nm)?)?;
-            // The paths tell of the surfaces.
+            // The paths name the surfaces.
             if !is_sealed {
                 let paths: Vec<PathFigures> =
                     ghosts.paths.iter().map(|p| p.figures(system.image())).collect();
