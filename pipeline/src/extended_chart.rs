@@ -94,39 +94,70 @@ impl ExtendedChart {
         Self { chart, side: side as f64, surround, cells, values }
     }
 
+    /// Rows and columns of the chart, in cells.
+    pub fn size_in_cells(&self) -> [f64; 2] {
+        [self.chart.height, self.chart.width].map(|pixels| pixels as f64 / self.side)
+    }
+
     /// Value at chart coordinates (row, column), pixel centres at integers.
     #[inline]
     pub fn at(&self, row: f64, column: f64) -> f64 {
-        let place = |at: f64, pixels: usize, cells: usize| {
-            let at = match self.surround {
-                Surround::Mirror => mirrored(at, pixels as f64),
-                _ => at,
-            };
-            // From the centre of the ring on.
-            ((at + 0.5) / self.side + 0.5).clamp(0.0, (cells + 1) as f64)
+        self.at_cells(self.cells_at(row, column))
+    }
+
+    /// Chart coordinates (row, column) in cells from the centre of the ring's first on.
+    #[inline]
+    pub fn cells_at(&self, row: f64, column: f64) -> [f64; 2] {
+        let place = |at: f64| (at + 0.5) / self.side + 0.5;
+        [place(row), place(column)]
+    }
+
+    /// Value at a place in cells, as [`Self::cells_at`] has it.
+    #[inline(always)]
+    pub fn at_cells(&self, [y, x]: [f64; 2]) -> f64 {
+        let [height, width] = self.size_in_cells();
+        let (y, x) = match self.surround {
+            Surround::Mirror => (mirrored(y, height), mirrored(x, width)),
+            _ => (y, x),
         };
-        let (y, x) = (
-            place(row, self.chart.height, self.cells.height),
-            place(column, self.chart.width, self.cells.width),
-        );
-        let (i, j) = ((y as usize).min(self.cells.height), (x as usize).min(self.cells.width));
+        let (y, x) =
+            (y.clamp(0.0, (self.cells.height + 1) as f64), x.clamp(0.0, (self.cells.width + 1) as f64));
+        // Of 32 bits: processors have an instruction for it.
+        let cell = |at: f64, cells: usize| (at as i32 as usize).min(cells);
+        let (i, j) = (cell(y, self.cells.height), cell(x, self.cells.width));
         let (fy, fx) = (y - i as f64, x - j as f64);
         let width = self.cells.width + 2;
-        let line = |row: usize| {
-            let pair = &self.values[row * width + j..][..2];
-            (1.0 - fx) * f64::from(pair[0]) + fx * f64::from(pair[1])
+        let pairs = &self.values[i * width + j..][..width + 2];
+        let line = |a: f32, b: f32| (1.0 - fx) * f64::from(a) + fx * f64::from(b);
+        (1.0 - fy) * line(pairs[0], pairs[1]) + fy * line(pairs[width], pairs[width + 1])
+    }
+
+    /// The value that all places between `corners`, in cells, have, if they lie where the surroundings are the same everywhere.
+    pub fn even_between(&self, corners: &[[f64; 2]]) -> Option<f64> {
+        if self.surround == Surround::Mirror {
+            return None;
+        }
+        let beyond = |axis: usize, cells: usize| {
+            let last = (cells + 1) as f64;
+            corners.iter().all(|at| at[axis] <= 0.0) || corners.iter().all(|at| at[axis] >= last)
         };
-        (1.0 - fy) * line(i) + fy * line(i + 1)
+        let (rows, columns) = (beyond(0, self.cells.height), beyond(1, self.cells.width));
+        match self.surround {
+            Surround::Black if rows || columns => Some(0.0),
+            _ if rows && columns => Some(self.at_cells(corners[0])),
+            _ => None,
+        }
     }
 }
 
-/// A coordinate mirrored about −½ and `n` − ½ until it lies between them.
+/// A place in cells mirrored about ½ and `n` + ½, the edges of a chart of `n` cells, until it lies between them.
+#[inline(always)]
 fn mirrored(at: f64, n: f64) -> f64 {
-    if (-0.5..=n - 0.5).contains(&at) {
+    if (0.5..=n + 0.5).contains(&at) {
         return at;
     }
-    let from_edge = (at + 0.5).rem_euclid(2.0 * n);
-    from_edge.min(2.0 * n - from_edge) - 0.5
+    let from_edge = (at - 0.5).rem_euclid(2.0 * n);
+    from_edge.min(2.0 * n - from_edge) + 0.5
 }
 
 #[cfg(test)]
@@ -221,6 +252,33 @@ mod tests {
             for x in [-3.0, 0.25, 1.5, 8.0] {
                 assert!((chart.at(2.0, x) - chart.at(2.0, 6.0 - x)).abs() < 1e-9, "{surround:?}, {x}");
             }
+        }
+    }
+
+    /// Where all places between corners have one value, each has it; elsewhere there is none.
+    #[test]
+    fn places_far_from_the_chart_have_one_value() {
+        let (size, value) = (Size::new(30, 21), |y: usize, x: usize| (3 * y + 7 * x) as f32);
+        let square = |row: f64, column: f64| {
+            [(0.0, 0.0), (0.0, 9.0), (9.0, 0.0), (9.0, 9.0)].map(|(y, x)| (row + y, column + x))
+        };
+        let cases = [(-40.0, -40.0), (60.0, 50.0), (-40.0, 3.0), (11.0, 60.0), (11.0, 3.0), (-8.0, -8.0)];
+        for surround in ALL {
+            let chart = extended(size, 8, surround, value);
+            let even = cases.map(|(row, column)| {
+                let corners = square(row, column).map(|(row, column)| chart.cells_at(row, column));
+                let even = chart.even_between(&corners)?;
+                for (row, column) in square(row, column) {
+                    assert_eq!(chart.at(row, column), even, "{surround:?}, {row}, {column}");
+                }
+                Some(even)
+            });
+            let expected = match surround {
+                Surround::Edge => [true, true, false, false, false, false],
+                Surround::Black => [true, true, true, true, false, false],
+                Surround::Mirror => [false; 6],
+            };
+            assert_eq!(even.map(|even| even.is_some()), expected, "{surround:?}");
         }
     }
 

@@ -22,7 +22,7 @@ use std::sync::Once;
 /// Name of the layer.
 pub const VEIL: &str = "veil";
 /// Key and version of glare and scatter in the identity of a job; incremented when their values change.
-const VEIL_VERSION: (&str, u32) = ("veil_version", 2);
+const VEIL_VERSION: (&str, u32) = ("veil_version", 3);
 
 /// The veil of a job.
 pub struct JobVeil {

@@ -19,7 +19,7 @@ const PLACES: usize = 4;
 /// Rows of bins that a thread computes at a time.
 const ROWS: usize = 16;
 
-/// Chart row, chart column, and gain.
+/// Row and column of the chart, in cells ([`ExtendedChart::cells_at`]), and gain.
 type Corner = [f64; 3];
 
 /// Between two corners.
@@ -32,8 +32,8 @@ fn between(a: Corner, b: Corner, t: f64) -> Corner {
 struct Bins<'a> {
     map: Map<'a>,
     chart: &'a ExtendedChart,
-    /// The chart, if there is no light beyond it.
-    ends_at: Option<Size>,
+    /// Cells of the chart, if there is no light beyond it.
+    ends_at: Option<[f64; 2]>,
 }
 
 impl Bins<'_> {
@@ -41,6 +41,7 @@ impl Bins<'_> {
     fn corners(&self, row: f64, columns: impl Iterator<Item = f64>) -> Vec<Corner> {
         let corner = |column| {
             let (row, column, gain) = self.map.at_place(row, column);
+            let [row, column] = self.chart.cells_at(row, column);
             [row, column, gain]
         };
         columns.map(corner).collect()
@@ -48,19 +49,28 @@ impl Bins<'_> {
 
     /// Mean over the quadrangle between two upper and two lower corners.
     fn mean(&self, top: &[Corner], bottom: &[Corner]) -> f64 {
+        let corners = [top[0], top[1], bottom[0], bottom[1]];
+        let even = match self.ends_at {
+            None => self.chart.even_between(&corners.map(|[row, column, _]| [row, column])),
+            Some(_) => None,
+        };
+        if let Some(light) = even {
+            return light * corners.iter().map(|[.., gain]| gain).sum::<f64>() / 4.0;
+        }
         let place = |part: usize| (part as f64 + 0.5) / PLACES as f64;
         let mut sum = 0.0;
         for i in 0..PLACES {
             let (left, right) = (between(top[0], bottom[0], place(i)), between(top[1], bottom[1], place(i)));
             for j in 0..PLACES {
                 let [row, column, gain] = between(left, right, place(j));
-                let light = gain * self.chart.at(row, column);
+                let light = gain * self.chart.at_cells([row, column]);
                 sum += match self.ends_at {
                     None => light,
-                    Some(chart) => {
+                    Some([rows, columns]) => {
                         let half = |a: f64, b: f64| (b - a).abs() / (2 * PLACES) as f64;
-                        let rows = share_within(row, half(top[0][0], bottom[0][0]), chart.height);
-                        light * rows * share_within(column, half(left[1], right[1]), chart.width)
+                        light
+                            * share_within(row, half(top[0][0], bottom[0][0]), rows)
+                            * share_within(column, half(left[1], right[1]), columns)
                     }
                 };
             }
@@ -109,7 +119,8 @@ pub fn mean_over_film(
 ) -> f64 {
     let is_black = surround == Surround::Black;
     let chart = ExtendedChart::new(reduced, if is_black { Surround::Mirror } else { surround });
-    let bins = Bins { map: Map::new(frame, field), chart: &chart, ends_at: is_black.then_some(frame.chart) };
+    let ends_at = is_black.then(|| chart.size_in_cells());
+    let bins = Bins { map: Map::new(frame, field), chart: &chart, ends_at };
     let film = frame.film;
     let ends = |pixels: usize| (0..=pixels.div_ceil(bin_px)).map(move |bin| (bin * bin_px).min(pixels));
     let corners = |row: usize| bins.corners(row as f64 - 0.5, ends(film.width).map(|x| x as f64 - 0.5));
@@ -125,9 +136,9 @@ pub fn mean_over_film(
     sum / film.pixels() as f64
 }
 
-/// Share of the 2 `half` about `at` that lies within `n` pixels from −½ on.
-fn share_within(at: f64, half: f64, n: usize) -> f64 {
+/// Share of the 2 `half` about `at`, in cells, that lies on the `n` cells of the chart, which begin at ½.
+fn share_within(at: f64, half: f64, n: f64) -> f64 {
     let half = half.max(1e-9);
-    let within = (at + half).min(n as f64 - 0.5) - (at - half).max(-0.5);
+    let within = (at + half).min(n + 0.5) - (at - half).max(0.5);
     (within / (2.0 * half)).clamp(0.0, 1.0)
 }
