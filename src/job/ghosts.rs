@@ -154,9 +154,7 @@ impl JobGhosts {
     /// Bytes while they are traced or read.
     pub fn making_bytes(&self) -> usize {
         match self {
-            Self::Traced(of) => {
-                ghost_memory_bytes(&of.system, &of.options, of.wavelengths_nm.len(), of.threads)
-            }
+            Self::Traced(of) => ghost_memory_bytes(&of.system, &of.options, &of.wavelengths_nm, of.threads),
             // Operators of two bands and their mean, and decoded chunks.
             Self::Stored(pack) => {
                 pack.ghosts().map_or(0, |ghosts| 16 * ghosts.sizes.shape().iter().product::<usize>())

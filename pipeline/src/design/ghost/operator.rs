@@ -21,7 +21,9 @@ use crate::design::prescription::error::DesignError;
 use crate::design::prescription::system::System;
 
 /// Version of the operators' values.
-pub const GHOSTS_VERSION: u32 = 2;
+pub const GHOSTS_VERSION: u32 = 3;
+/// Paths whose rays are in memory at a time.
+pub(super) const PATHS: usize = 16;
 /// Points of half a window from which light is sent.
 const POINTS: usize = 5000;
 /// Points of a cell of the window.
@@ -81,20 +83,21 @@ impl Group<'_> {
         let windows = self.windows(&ways);
         let mut reports = self.reports(&ways, &windows, &tables);
         let is_kept = |k: &usize| reports.iter().any(|band| band[*k].is_kept);
-        let found: Vec<(usize, PathHeights)> = (0..ways.len())
-            .into_par_iter()
-            .filter(is_kept)
-            .filter_map(|k| {
-                let way = &ways[k];
-                let along = (&tables.along(way), self.lights.len());
-                let heights =
-                    PathHeights::trace(lens, way, windows[k]?, &self.fields, along, &reference.along(way));
-                Some((k, heights))
-            })
-            .collect();
-        let columns: Vec<Vec<Vec<f64>>> = (0..self.sizes.source_rings)
-            .into_par_iter()
-            .map(|ring| {
+        let kept: Vec<usize> = (0..ways.len()).filter(is_kept).collect();
+        // Of each ring of the scene and band: order, ring of the film.
+        let orders = vec![0.0; (self.sizes.orders() + 1) * self.sizes.rings];
+        let mut columns = vec![vec![orders; self.lights.len()]; self.sizes.source_rings];
+        for some in kept.chunks(PATHS) {
+            let found: Vec<(usize, PathHeights)> = some
+                .par_iter()
+                .filter_map(|k| {
+                    let way = &ways[*k];
+                    let along = (&tables.along(way), self.lights.len());
+                    let reference = &reference.along(way);
+                    Some((*k, PathHeights::trace(lens, way, windows[*k]?, &self.fields, along, reference)))
+                })
+                .collect();
+            columns.par_iter_mut().enumerate().for_each(|(ring, columns)| {
                 let mut sums = RingSums::new(self.sizes, self.lights.len());
                 for (k, heights) in &found {
                     let scales: Vec<f64> = reports
@@ -104,9 +107,9 @@ impl Group<'_> {
                         .collect();
                     self.collect(heights, ring, &scales, &mut sums);
                 }
-                (0..self.lights.len()).map(|band| sums.orders(band)).collect()
-            })
-            .collect();
+                columns.iter_mut().enumerate().for_each(|(band, column)| sums.add_orders(band, column));
+            });
+        }
         let band = |(band, nm): (usize, &f64)| {
             let columns: Vec<&[f64]> = columns.iter().map(|c| c[band].as_slice()).collect();
             let mut paths = std::mem::take(&mut reports[band]);

@@ -45,26 +45,37 @@ impl RingSums {
 
     /// Azimuthal orders of a band: order, ring.
     pub(super) fn orders(&self, band: usize) -> Vec<f64> {
+        let mut orders = vec![0.0; (self.sizes.orders() + 1) * self.sizes.rings];
+        self.add_orders(band, &mut orders);
+        orders
+    }
+
+    /// Adds the azimuthal orders of a band to `orders`: order, ring.
+    pub(super) fn add_orders(&self, band: usize, orders: &mut [f64]) {
         let RingSizes { rings, .. } = self.sizes;
         let steps = HALF_TURN * rings;
         let cosines: Vec<f64> = (0..2 * steps).map(|k| real::cos(PI * k as f64 / steps as f64)).collect();
         let damping = jackson(self.sizes.orders());
-        let mut orders = vec![0.0; damping.len() * rings];
+        // Of an azimuth: the cosines of its multiples.
+        let multiples: Vec<f64> = (0..=steps)
+            .flat_map(|k| (0..damping.len()).map(move |m| k * m % (2 * steps)))
+            .map(|k| cosines[k])
+            .collect();
+        let mut sums = vec![0.0; damping.len()];
         for ring in 0..rings {
             let row = &self.sums[ring * (steps + 1) * self.bands..][..(steps + 1) * self.bands];
-            let lit: Vec<(usize, f64)> = row[band..]
-                .iter()
-                .step_by(self.bands)
-                .copied()
-                .enumerate()
-                .filter(|(_, v)| *v != 0.0)
-                .collect();
-            for (m, g) in damping.iter().enumerate() {
-                let sum: f64 = lit.iter().map(|(k, v)| v * cosines[k * m % (2 * steps)]).sum();
-                orders[m * rings + ring] = g * sum;
+            sums.fill(0.0);
+            for (v, multiples) in
+                row[band..].iter().step_by(self.bands).zip(multiples.chunks_exact(damping.len()))
+            {
+                if *v != 0.0 {
+                    sums.iter_mut().zip(multiples).for_each(|(sum, cosine)| *sum += v * cosine);
+                }
+            }
+            for (m, (g, sum)) in damping.iter().zip(&sums).enumerate() {
+                orders[m * rings + ring] += g * sum;
             }
         }
-        orders
     }
 }
 
