@@ -15,7 +15,7 @@
 
 use rayon::prelude::*;
 
-use super::tails::{CLEAR, NoTail, blur_um};
+use super::tails::{CLEAR, NoTail, blur_um, power_laws};
 use super::{PsfGrid, PsfScratch};
 use crate::design::prescription::error::DesignError;
 use crate::design::pupil::bundle::Bundle;
@@ -23,14 +23,14 @@ use crate::design::pupil::edge::Edge;
 use crate::design::pupil::pupils::Pupils;
 use crate::design::rays::ray::{ImageRay, Tracer};
 use crate::lens::middle::{Middle, core_share};
-use crate::lens::tail::{BandTail, Coefficients, ORDERS, TERMS, light, value};
+use crate::lens::tail::{BandTail, Coefficients, ORDERS, TERMS, light, radial};
 
 /// Samples a side of the middle part.
 const SAMPLES: usize = 129;
 /// Half windows that the rays may reach.
 const LARGEST: f64 = 8.0;
 /// Samples of the Huygens sum to either side, at most.
-pub(in crate::design) const MAX_HALF: usize = 900;
+const MAX_HALF: usize = 900;
 /// Rays of a height, along and around the pupil.
 const RAYS: (usize, usize) = (24, 40);
 /// Factor of the edge's light at most.
@@ -38,12 +38,29 @@ const MAX_EDGE: f64 = 1.5;
 /// Places on the parallelogram of a ray along each side, at most.
 const MAX_PLACES: f64 = 48.0;
 
+/// The tails at `heights` (those that `pupils` were made with, which have `edges`) of PSFs in windows of `window` samples of `pitch_um`: power laws, and a middle part where rays land
+/// beyond the windows.
+///
+/// # Errors
+/// A ray that does not reach the image.
+pub(in crate::design) fn band_tail(
+    tracer: &Tracer<'_>,
+    pupils: &Pupils<'_>,
+    places: (&[f64], &[Edge]),
+    window: (usize, f64),
+) -> Result<Result<BandTail, NoTail>, DesignError> {
+    match power_laws(pupils, places, window) {
+        Ok(tail) => Ok(Ok(tail)),
+        Err(_) => tail_with_middle(tracer, pupils, places, window, MAX_HALF),
+    }
+}
+
 /// The tails, with a middle part, at `heights` (those that `pupils` were made with, which have `edges`) of PSFs in windows of `window` samples of `pitch_um`, by Huygens sums of up
 /// to `max_half` samples to either side, or those of the window.
 ///
 /// # Errors
 /// A ray that does not reach the image.
-pub(in crate::design) fn tail_with_middle(
+fn tail_with_middle(
     tracer: &Tracer<'_>,
     pupils: &Pupils<'_>,
     (heights, edges): (&[f64], &[Edge]),
@@ -113,7 +130,7 @@ impl Part {
             let (x, y) = (place(at % SAMPLES), place(at / SAMPLES));
             let r = (x * x + y * y).sqrt();
             match x.abs().max(y.abs()) >= self.half_mm {
-                true => (self.c[0][0] / (r * r * r) - value(&self.c, self.radius_mm, x, y)) * step * step,
+                true => self.c[0][0] * (1.0 / (r * r * r) - radial(r, self.radius_mm, 0, 0)) * step * step,
                 false => 0.0,
             }
         };
@@ -129,19 +146,34 @@ impl Part {
         widened(&image)
     }
 
-    /// Adds (1 − τ) (p − T) of the samples up to R; Σ (p − T).
+    /// Adds (1 − τ) (p − T) of the samples up to R; Σ (p − T). Both are symmetric about the meridian: samples of the lower half are added with those of the upper, to both.
     fn add_psf(&self, psf: &[f32], grid: &PsfGrid, step: f64, image: &mut [f64]) -> f64 {
         let (n, pitch) = (grid.size(), 1e-3 * grid.pitch_um());
-        let place = |i: usize| (i as f64 - (n / 2) as f64) * pitch;
+        let centre = n / 2;
+        let place = |i: usize| (i as f64 - centre as f64) * pitch;
+        let tail = |r: f64| self.c[0][0] * radial(r, self.radius_mm, 0, 0) * pitch * pitch;
+        let mut half = vec![0.0; SAMPLES * SAMPLES];
         let mut sum = 0.0;
-        for (at, v) in psf.iter().enumerate() {
-            let (x, y) = (place(at % n), place(at / n));
-            let rest = f64::from(*v) - value(&self.c, self.radius_mm, x, y) * pitch * pitch;
-            sum += rest;
-            let r = (x * x + y * y).sqrt();
-            let share = 1.0 - core_share(r, self.window_mm);
-            if share > 0.0 && r < self.radius_mm {
-                add(x / step, y / step, share * rest, image);
+        for row in centre..n {
+            // Half of the light of the two rows, of which the middle one is its own mirror image.
+            let share_of_row = if row == centre { 0.25 } else { 0.5 };
+            let (above, below) = (&psf[row * n..][..n], &psf[(n - 1 - row) * n..][..n]);
+            let y = place(row);
+            for (column, (a, b)) in above.iter().zip(below).enumerate() {
+                let x = place(column);
+                let r = (x * x + y * y).sqrt();
+                let rest = share_of_row * (f64::from(*a) + f64::from(*b) - 2.0 * tail(r));
+                sum += 2.0 * rest;
+                let share = 1.0 - core_share(r, self.window_mm);
+                if share > 0.0 && r < self.radius_mm {
+                    add(x / step, y / step, share * rest, &mut half);
+                }
+            }
+        }
+        for (row, to) in image.chunks_exact_mut(SAMPLES).enumerate() {
+            let rows = [row, SAMPLES - 1 - row].map(|row| &half[row * SAMPLES..][..SAMPLES]);
+            for (to, (a, b)) in to.iter_mut().zip(rows[0].iter().zip(rows[1])) {
+                *to += a + b;
             }
         }
         sum

@@ -45,8 +45,8 @@ pub(in crate::design) fn blur_um(edges: &[Edge]) -> f64 {
     edges.iter().fold(0.0, |largest, edge| largest.max(edge.blur_um))
 }
 
-/// The tails at `heights` (those that `pupils` were made with, which have `edges`) beyond windows of `window` samples of `pitch_um`.
-pub(in crate::design) fn band_tail(
+/// The tails at `heights` (those that `pupils` were made with, which have `edges`) beyond windows of `window` samples of `pitch_um`, by power laws alone.
+pub(super) fn power_laws(
     pupils: &Pupils<'_>,
     (heights, edges): (&[f64], &[Edge]),
     (window, pitch_um): (usize, f64),
@@ -211,7 +211,7 @@ mod tests {
             let pitch_um = 0.9 * f.nyquist_um();
             let window = (2.0 * half_um / pitch_um) as usize | 1;
             let edges = heights.map(|h| pupils.at(h).edge(tracer.surfaces()));
-            let tail = band_tail(&pupils, (&heights, &edges), (window, pitch_um)).unwrap();
+            let tail = power_laws(&pupils, (&heights, &edges), (window, pitch_um)).unwrap();
             let [third, fifth] = tail.coefficients[k][0].map(|v| 1e3 * v);
             assert!((edge.tail_um / c - 1.0).abs() < 3e-3, "{line}: C {}", edge.tail_um);
             assert!((edge.blur_um - blur).abs() < 0.03 * blur + 0.3, "{line}: blur {}", edge.blur_um);

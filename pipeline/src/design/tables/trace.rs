@@ -22,10 +22,10 @@ use super::window::{Windows, core_samples, expected, for_tails, half_samples, wi
 use crate::bounds::{PSF_ENERGY, TRANSMISSION};
 use crate::design::prescription::error::DesignError;
 use crate::design::prescription::system::System;
-use crate::design::psf::middle::{MAX_HALF, tail_with_middle};
+use crate::design::psf::middle::band_tail;
 use crate::design::psf::pupil_stack::{PupilStack, normalise};
 pub use crate::design::psf::tails::NoTail;
-use crate::design::psf::tails::{band_tail, blur_um};
+use crate::design::psf::tails::blur_um;
 use crate::design::psf::{PsfGrid, PsfScratch};
 use crate::design::pupil::bundle::Bundle;
 use crate::design::pupil::edge::Edge;
@@ -41,7 +41,7 @@ pub const TRACER_VERSION: u32 = 8;
 pub const NODES_VERSION: u32 = 3;
 
 /// Incremented when tails for the same design and options change.
-pub const TAILS_VERSION: u32 = 3;
+pub const TAILS_VERSION: u32 = 4;
 
 /// Runs `work` with `threads` threads for its rays and sums; the results do not depend on their number.
 pub fn with_threads<T: Send>(threads: usize, work: impl FnOnce() -> T + Send) -> T {
@@ -291,17 +291,7 @@ impl<'a> LensTrace<'a> {
             None => None,
             Some(edges) => {
                 report_step("tails", 0);
-                let plain = band_tail(&pupils, (&first, edges), (grid.size(), grid.pitch_um()));
-                Some(match plain {
-                    Err(_) => tail_with_middle(
-                        &tracer,
-                        &pupils,
-                        (&first, edges),
-                        (grid.size(), grid.pitch_um()),
-                        MAX_HALF,
-                    )?,
-                    Ok(tail) => Ok(tail),
-                })
+                Some(band_tail(&tracer, &pupils, (&first, edges), (grid.size(), grid.pitch_um()))?)
             }
         };
         report_step("PSFs", 0);

@@ -2,6 +2,7 @@
 
 use super::*;
 use crate::design::prescription::system::System;
+use crate::lens::tail::value;
 
 /// A wavelength and the last height; samples of the window, and of the Huygens sum to either side.
 struct Case {
