@@ -15,6 +15,7 @@ use crate::cuda::{CudaError, Device};
 use crate::depth::{DepthScratch, SceneInputs};
 use crate::flow::{ChartSource, SourceSinkError};
 use crate::geometry::{Frame, Rect, Size};
+use crate::layer::Layer;
 use crate::psf::PsfScratch;
 use crate::psf::spectra::SpectrumCache;
 use crate::remap::RemapScratch;
@@ -101,7 +102,7 @@ impl Compute for StageCompute<'_> {
     }
 
     fn finish(&self, band: &BandStages, rect: Rect, pixels: &mut ShardPixels) {
-        band.layers.iter().for_each(|layer| layer.add(rect, pixels));
+        Layer::add_all(&band.layers, rect, pixels);
     }
 
     fn chart_hint(&self, band: &BandStages, chart: Size, tile: Rect) -> Rect {
