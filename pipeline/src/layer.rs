@@ -80,65 +80,40 @@ impl Layer {
 
     /// Adds the layer to `pixels`, of the film rectangle `rect`.
     pub fn add(&self, rect: Rect, pixels: &mut ShardPixels) {
-        Self::add_all(std::slice::from_ref(self), rect, pixels);
-    }
-
-    /// Adds `layers`, one after the other, to `pixels`, of the film rectangle `rect`: row by row, so that the pixels pass the processor's caches once.
-    pub fn add_all(layers: &[Self], rect: Rect, pixels: &mut ShardPixels) {
-        let (simd, mut scratch) = (Simd::detect(), Scratch::default());
-        for y in rect.y..rect.bottom() {
-            let pixels = pixels.row_mut((y - rect.y) as usize);
-            for layer in layers {
-                layer.add_row((y, rect.x), pixels, &mut scratch, simd);
-            }
-        }
-    }
-
-    /// Adds the layer to `pixels`, from film pixel (row, column) on.
-    fn add_row(&self, from: (i64, i64), pixels: &mut [f32], scratch: &mut Scratch, simd: Simd) {
         match self.grid.bin_px {
-            2 => self.add_bins::<2, 2>(from, pixels, scratch, simd),
-            4 => self.add_bins::<4, 4>(from, pixels, scratch, simd),
-            8 => self.add_bins::<8, 8>(from, pixels, scratch, simd),
-            16 => self.add_bins::<16, 8>(from, pixels, scratch, simd),
-            32 => self.add_bins::<32, 16>(from, pixels, scratch, simd),
-            64 => self.add_bins::<64, 32>(from, pixels, scratch, simd),
+            2 => self.add_bins::<2, 2>(rect, pixels),
+            4 => self.add_bins::<4, 4>(rect, pixels),
+            8 => self.add_bins::<8, 8>(rect, pixels),
+            16 => self.add_bins::<16, 8>(rect, pixels),
+            32 => self.add_bins::<32, 16>(rect, pixels),
+            64 => self.add_bins::<64, 32>(rect, pixels),
             other => unreachable!("bins of {other} px"),
         }
     }
 
-    /// [`Layer::add_row`] with bins of `B` pixels, computed `P` at a time: a bin or half of it.
-    fn add_bins<const B: usize, const P: usize>(
-        &self,
-        (y, x): (i64, i64),
-        pixels: &mut [f32],
-        scratch: &mut Scratch,
-        simd: Simd,
-    ) {
+    /// [`Layer::add`] with bins of `B` pixels, computed `P` at a time: a bin or half of it.
+    fn add_bins<const B: usize, const P: usize>(&self, rect: Rect, pixels: &mut ShardPixels) {
         let (bin, width) = (B as i64, self.grid.size().width);
-        let first_bin = x.div_euclid(bin);
-        let bins = ((x + pixels.len() as i64 - 1).div_euclid(bin) - first_bin + 1) as usize;
-        let Scratch { line, values } = scratch;
-        line.resize(bins + 2 * REACH, 0.0);
-        values.resize(bins * B, 0.0);
+        let first_bin = rect.x.div_euclid(bin);
+        let bins = ((rect.right() - 1).div_euclid(bin) - first_bin + 1) as usize;
+        let (mut line, mut values) = (vec![0f32; bins + 2 * REACH], vec![0f32; bins * B]);
         // Index, in a row of coefficients, of the first that the first bin reads.
         let first = self.grid.index(first_bin) - REACH;
-        let offset = (x - first_bin * bin) as usize;
+        let offset = (rect.x - first_bin * bin) as usize;
         let across: [&[f32; B]; 4] =
             std::array::from_fn(|tap| self.weights[tap][..].try_into().expect("a weight of each pixel"));
-        let in_bin = y.rem_euclid(bin) as usize;
-        let top = self.grid.index(y.div_euclid(bin)) - REACH + usize::from(in_bin >= B / 2);
-        let rows = std::array::from_fn(|tap| &self.coefficients[(top + tap) * width + first..][..line.len()]);
-        let down = std::array::from_fn(|tap| self.weights[tap][in_bin]);
-        AddRow::<B, P> { rows, down, across, line, values, offset, pixels }.run_unfused(simd);
+        let simd = Simd::detect();
+        for y in rect.y..rect.bottom() {
+            let in_bin = y.rem_euclid(bin) as usize;
+            let top = self.grid.index(y.div_euclid(bin)) - REACH + usize::from(in_bin >= B / 2);
+            let rows =
+                std::array::from_fn(|tap| &self.coefficients[(top + tap) * width + first..][..line.len()]);
+            let down = std::array::from_fn(|tap| self.weights[tap][in_bin]);
+            let (line, values) = (&mut line[..], &mut values[..]);
+            let pixels = pixels.row_mut((y - rect.y) as usize);
+            AddRow::<B, P> { rows, down, across, line, values, offset, pixels }.run_unfused(simd);
+        }
     }
-}
-
-/// Coefficients along a row of pixels, and its values from the first pixel of the first bin on.
-#[derive(Default)]
-struct Scratch {
-    line: Vec<f32>,
-    values: Vec<f32>,
 }
 
 /// A row of pixels of a layer with bins of `B` pixels. Plain code, compiled for the instructions of an engine: none fuses its products.
@@ -148,7 +123,7 @@ struct AddRow<'a, const B: usize, const P: usize> {
     down: [f32; 4],
     /// Weights of the taps along the row at the pixels of a bin.
     across: [&'a [f32; B]; 4],
-    /// [`Scratch`].
+    /// Scratch: the coefficients along the row, and its values from the first pixel of the first bin on.
     line: &'a mut [f32],
     values: &'a mut [f32],
     /// Pixels of the first bin before the first of `pixels`.

@@ -15,7 +15,6 @@ use crate::cuda::{CudaError, Device};
 use crate::depth::{DepthScratch, SceneInputs};
 use crate::flow::{ChartSource, SourceSinkError};
 use crate::geometry::{Frame, Rect, Size};
-use crate::layer::Layer;
 use crate::psf::PsfScratch;
 use crate::psf::spectra::SpectrumCache;
 use crate::remap::RemapScratch;
@@ -102,7 +101,7 @@ impl Compute for StageCompute<'_> {
     }
 
     fn finish(&self, band: &BandStages, rect: Rect, pixels: &mut ShardPixels) {
-        Layer::add_all(&band.layers, rect, pixels);
+        band.layers.iter().for_each(|layer| layer.add(rect, pixels));
     }
 
     fn chart_hint(&self, band: &BandStages, chart: Size, tile: Rect) -> Rect {

@@ -38,26 +38,6 @@ fn expected(layer: &Layer, taps: Taps, (y, x): (i64, i64)) -> f64 {
     (0..4).flat_map(|i| (0..4).map(move |j| (i, j))).map(|(i, j)| term(i, j)).sum()
 }
 
-/// Layers of several bins, added row by row, have the bits of one added after the other.
-#[test]
-fn layers_that_are_added_together_are_added_in_their_order() {
-    let film = Size::new(150, 221);
-    let layers: Vec<Layer> = [(2, Taps::Lagrange), (32, Taps::BSpline), (8, Taps::Lagrange)]
-        .into_iter()
-        .map(|(bin_px, taps)| layer_of(BinGrid::new(film, bin_px, 3), taps, |i| noise(i + bin_px)))
-        .collect();
-    let rect = Rect::new(17, 30, 101, 190);
-    let added = |add: &dyn Fn(&mut ShardPixels)| {
-        let mut pixels = ShardPixels::new(rect.size());
-        pixels.reach(rect.height, Vec::new);
-        add(&mut pixels);
-        (0..rect.height).flat_map(|y| pixels.row(y).to_vec()).collect::<Vec<f32>>()
-    };
-    let one_by_one = added(&|pixels| layers.iter().for_each(|layer| layer.add(rect, pixels)));
-    assert!(added(&|pixels| Layer::add_all(&layers, rect, pixels)) == one_by_one);
-    assert!(one_by_one.iter().all(|v| *v > 0.0));
-}
-
 #[test]
 fn layer_is_the_sum_over_sixteen_coefficients() {
     let film = Size::new(53, 90);
