@@ -1,7 +1,7 @@
 //! `lenscube dataset`.
 
 use crate::common::{
-    CommandResult, Noise, Picture, assert_error_line, bits, files, lenscube, pixels, run, text,
+    CommandResult, Noise, Picture, assert_error_line, bits, files, lenscube, pixels, read_npy, run, text,
 };
 use crate::common::{identity_band, lens, scattered, write_pack};
 use formats::dataset::encode::{Codes, png};
@@ -9,7 +9,7 @@ use pipeline::geometry::Size;
 use pipeline::lens::LensBand;
 use serde_json::Value;
 use std::fs;
-use std::path::{Path, PathBuf};
+use std::path::PathBuf;
 use std::process::Command;
 
 /// A pack of PSFs at 450, 500, 550 … 650 nm.
@@ -64,13 +64,6 @@ impl Folder {
     }
 }
 
-/// Values of an NPY file of 32-bit floats.
-fn npy(path: &Path) -> Vec<f32> {
-    let bytes = fs::read(path).unwrap();
-    let start = 10 + usize::from(u16::from_le_bytes([bytes[8], bytes[9]]));
-    bytes[start..].as_chunks().0.iter().map(|b| f32::from_le_bytes(*b)).collect()
-}
-
 #[test]
 fn films_have_the_bits_of_run_with_the_flags_of_their_line() {
     let folder = Folder::new(0);
@@ -97,7 +90,7 @@ fn films_have_the_bits_of_run_with_the_flags_of_their_line() {
             .ok();
             let (_, expected) = pixels(&film, "film");
             let key = line["key"].as_str().unwrap();
-            let found = npy(&folder.at("out").join(format!("000000/{key}.{item}.npy")));
+            let found = read_npy(&folder.at("out").join(format!("000000/{key}.{item}.npy")));
             assert_eq!(bits(&[found]), bits(&[expected.concat()]), "{line} {item}");
         }
     }
@@ -189,7 +182,7 @@ fn raws_pictures_and_layouts_hold_the_same_samples() {
                 of_zarr["items"][format!("{item}.array")]["blake3"].as_str().unwrap()
             );
         }
-        let picture = npy(&folder.at(&format!("folders/{unit:06}/{key}.picture.npy")));
+        let picture = read_npy(&folder.at(&format!("folders/{unit:06}/{key}.picture.npy")));
         assert!(picture.iter().all(|v| v.is_finite()) && picture.iter().any(|v| *v > 0.1));
         assert!(line["exposure_s"].as_f64().unwrap() > 0.0 && line["noise_seed"].is_u64());
     }
@@ -237,7 +230,7 @@ fn labels_follow_the_light_to_a_fiftieth_of_a_pixel() {
         let found = &line["annotations"][0];
         let points: Vec<f64> =
             found["keypoints"].as_array().unwrap().iter().map(|v| v.as_f64().unwrap()).collect();
-        let clean = npy(&folder.at(&format!("out/000000/{key}.clean.npy")));
+        let clean = read_npy(&folder.at(&format!("out/000000/{key}.clean.npy")));
         let green = &clean[size.pixels()..][..size.pixels()];
         for point in points.as_chunks::<3>().0.iter().filter(|p| p[2] > 0.0) {
             let (cx, cy) = (point[0].round() as usize, point[1].round() as usize);

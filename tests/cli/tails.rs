@@ -2,7 +2,8 @@
 
 use crate::common::test_job::TestJob;
 use crate::common::{
-    CommandResult, assert_error_line, assert_exit, bits, files, lenscube, pixels, run, text, write_npy,
+    CommandResult, assert_error_line, assert_exit, bits, files, lenscube, pixels, read_npy, run, text,
+    write_npy,
 };
 use formats::lens::LensPack;
 use pipeline::geometry::Size;
@@ -141,9 +142,7 @@ fn whole_psf(dir: &Path, lens: &str, (nm, h_mm): (&str, f64), side: usize) -> Ve
     let (psf, size, at) = (dir.join("psf.npy"), side.to_string(), format!("{h_mm},0"));
     let whole = ["--wavelength", nm, "--pitch-um", "2", "--integrate", "--size", &size, "--at", &at];
     lenscube(&[&["lens", "psf", lens, text(&psf), "--overwrite"], &whole[..]].concat()).ok();
-    let npy = fs::read(&psf).unwrap();
-    let values = npy[npy.len() - 4 * side * side..].as_chunks::<4>().0;
-    values.iter().map(|bytes| f64::from(f32::from_le_bytes(*bytes))).collect()
+    read_npy(&psf).into_iter().map(f64::from).collect()
 }
 
 /// The largest error of half planes along rows and along columns, of white, of PSFs `found` on the `side` x `side` pixels of `expected`.

@@ -245,6 +245,14 @@ pub fn write_pack(path: &Path, lens: &Lens, stacks: Vec<PsfStack>) {
     formats::lens::write(path, lens, &PackAttributes::default(), stacks).unwrap();
 }
 
+/// The values of a .npy file of f32.
+pub fn read_npy(path: &Path) -> Vec<f32> {
+    let bytes = std::fs::read(path).unwrap();
+    let (header, values) = bytes.split_at(10 + usize::from(u16::from_le_bytes([bytes[8], bytes[9]])));
+    assert!(String::from_utf8_lossy(header).contains("'<f4'"), "{}: not of f32", path.display());
+    values.as_chunks().0.iter().map(|bytes| f32::from_le_bytes(*bytes)).collect()
+}
+
 /// Writes a .npy file of f32 of a picture.
 pub fn write_npy(path: &Path, size: Size, values: &[f32]) {
     write_npy_of(path, &[size.height, size.width], values);

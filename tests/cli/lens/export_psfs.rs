@@ -14,12 +14,6 @@ fn export(lens: &Path, out: &Path, flags: &[&str]) -> CommandResult {
     lenscube(&[&["lens", "export", text(lens), text(out), "--film-pitch-um", "5"], flags].concat())
 }
 
-/// The samples of an NPY of f32, after its header of 128 bytes.
-fn npy(path: &Path) -> Vec<f32> {
-    let bytes = fs::read(path).unwrap();
-    bytes[128..].as_chunks::<4>().0.iter().map(|b| f32::from_le_bytes(*b)).collect()
-}
-
 #[test]
 fn psfs_at_places_are_the_films_of_points_there() {
     let (dir, lens) = pack();
@@ -47,7 +41,7 @@ fn psfs_at_places_are_the_films_of_points_there() {
         serde_json::from_str(&fs::read_to_string(dir.path().join("psf.json")).unwrap()).unwrap();
     assert_eq!(described["energy"][0][1][2], report["energy"][0][5]);
     assert_eq!(described["axes"], serde_json::json!(["wavelength", "place_y", "place_x", "y", "x"]));
-    let all = npy(&out);
+    let all = crate::common::read_npy(&out);
     assert_eq!(all.len(), 6 * side * side);
     for (i, psf) in all.chunks(side * side).enumerate() {
         let energy = report["energy"][0][i].as_f64().unwrap();

@@ -145,9 +145,7 @@ fn psf_of_a_field_point_is_rotated_normalised_and_integrated() {
         let out = dir.path().join(name);
         let words = ["lens", "psf", "double-gauss-28", text(&out), "--wavelength", "550", "--json"];
         let shown = json(lenscube(&[&words[..], flags].concat()));
-        let bytes = fs::read(out).unwrap();
-        let values =
-            bytes[128..].chunks_exact(4).map(|b| f64::from(f32::from_le_bytes(b.try_into().unwrap())));
+        let values = crate::common::read_npy(&out).into_iter().map(f64::from);
         (shown, values.collect::<Vec<_>>())
     };
     let number = |v: &Value, key: &str| v[key].as_f64().unwrap();
