@@ -115,9 +115,11 @@ impl ExtendedChart {
     /// Value at a place in cells, as [`Self::cells_at`] has it.
     #[inline(always)]
     pub fn at_cells(&self, [y, x]: [f64; 2]) -> f64 {
-        let [height, width] = self.size_in_cells();
         let (y, x) = match self.surround {
-            Surround::Mirror => (mirrored(y, height), mirrored(x, width)),
+            Surround::Mirror => {
+                let [height, width] = self.size_in_cells();
+                (mirrored(y, height), mirrored(x, width))
+            }
             _ => (y, x),
         };
         let (y, x) =
@@ -132,20 +134,17 @@ impl ExtendedChart {
         (1.0 - fy) * line(pairs[0], pairs[1]) + fy * line(pairs[width], pairs[width + 1])
     }
 
-    /// The value that all places between `corners`, in cells, have, if they lie where the surroundings are the same everywhere.
+    /// The value that all places between `corners`, in cells, have, if they lie where the surroundings are the same everywhere; mirrored ones never are.
     pub fn even_between(&self, corners: &[[f64; 2]]) -> Option<f64> {
-        if self.surround == Surround::Mirror {
-            return None;
-        }
         let beyond = |axis: usize, cells: usize| {
             let last = (cells + 1) as f64;
             corners.iter().all(|at| at[axis] <= 0.0) || corners.iter().all(|at| at[axis] >= last)
         };
         let (rows, columns) = (beyond(0, self.cells.height), beyond(1, self.cells.width));
         match self.surround {
-            Surround::Black if rows || columns => Some(0.0),
-            _ if rows && columns => Some(self.at_cells(corners[0])),
-            _ => None,
+            Surround::Black => (rows || columns).then_some(0.0),
+            Surround::Edge => (rows && columns).then(|| self.at_cells(corners[0])),
+            Surround::Mirror => None,
         }
     }
 }

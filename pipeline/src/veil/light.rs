@@ -32,7 +32,7 @@ fn between(a: Corner, b: Corner, t: f64) -> Corner {
 struct Bins<'a> {
     map: Map<'a>,
     chart: &'a ExtendedChart,
-    /// Cells of the chart, if there is no light beyond it.
+    /// Cells of the chart, if there is no light beyond it; `chart` is then a mirrored one.
     ends_at: Option<[f64; 2]>,
 }
 
@@ -50,11 +50,7 @@ impl Bins<'_> {
     /// Mean over the quadrangle between two upper and two lower corners.
     fn mean(&self, top: &[Corner], bottom: &[Corner]) -> f64 {
         let corners = [top[0], top[1], bottom[0], bottom[1]];
-        let even = match self.ends_at {
-            None => self.chart.even_between(&corners.map(|[row, column, _]| [row, column])),
-            Some(_) => None,
-        };
-        if let Some(light) = even {
+        if let Some(light) = self.chart.even_between(&corners.map(|[row, column, _]| [row, column])) {
             return light * corners.iter().map(|[.., gain]| gain).sum::<f64>() / 4.0;
         }
         let place = |part: usize| (part as f64 + 0.5) / PLACES as f64;
