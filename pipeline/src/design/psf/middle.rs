@@ -15,7 +15,7 @@
 
 use rayon::prelude::*;
 
-use super::tails::{CLEAR, NoTail, blur_um, power_laws};
+use super::tails::{NoTail, blur_um, power_laws};
 use super::{PsfGrid, PsfScratch};
 use crate::design::prescription::error::DesignError;
 use crate::design::pupil::bundle::Bundle;
@@ -27,7 +27,9 @@ use crate::lens::tail::{BandTail, Coefficients, ORDERS, TERMS, light, radial};
 
 /// Samples a side of the middle part.
 const SAMPLES: usize = 129;
-/// Half windows that the rays may reach.
+/// R over the largest distance of an edge ray.
+const RADIUS: f64 = 1.3;
+/// Half windows that R may be.
 const LARGEST: f64 = 8.0;
 /// Samples of the Huygens sum to either side, at most.
 const MAX_HALF: usize = 900;
@@ -68,7 +70,7 @@ fn tail_with_middle(
     max_half: usize,
 ) -> Result<Result<BandTail, NoTail>, DesignError> {
     let half_um = 0.5 * window as f64 * pitch_um;
-    let radius_um = CLEAR * blur_um(edges);
+    let radius_um = RADIUS * blur_um(edges);
     let none = NoTail { blur_um: blur_um(edges), half_um };
     if radius_um > LARGEST * half_um {
         return Ok(Err(none));
