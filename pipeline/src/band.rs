@@ -237,14 +237,23 @@ impl BandPlan {
         is_plain && !self.lens.is_symmetric() && self.kernels_bytes() > MAX_IN_MEMORY
     }
 
-    /// Bytes of the largest set of PSFs that are read together, ready for kernels.
+    /// Bytes of the most PSFs that are read together, those of a height or of a row, ready for kernels.
     pub fn largest_set_bytes(&self) -> usize {
         let Some((blocks, grid)) = self.blocks.as_ref().zip(self.grid.as_ref()) else { return 0 };
-        let largest = (0..grid.psf_sets()).map(|set| grid.psf_rows(set).len()).max().unwrap_or(0);
+        let largest = match grid {
+            NodeGrid::Polar(_) => (0..grid.psf_sets()).map(|set| grid.psf_rows(set).len()).max().unwrap_or(0),
+            NodeGrid::Cartesian(nodes) => nodes.x().count(),
+        };
         memory::kernels_bytes(blocks, largest, self.lens.psf_size)
     }
 
-    /// As [`BandPlan::stages`], for a band that [reads on demand](BandPlan::reads_on_demand): `reader` reads the PSFs of a height.
+    /// Bytes of the kernels of all nodes, if its PSFs are [read on demand](BandPlan::reads_on_demand).
+    pub fn kept_bytes(&self) -> usize {
+        let parts = self.blocks.as_ref().zip(self.grid.as_ref()).filter(|_| self.reads_on_demand());
+        parts.map_or(0, |(blocks, grid)| memory::kept_bytes(blocks, grid))
+    }
+
+    /// As [`BandPlan::stages`], for a band that [reads on demand](BandPlan::reads_on_demand): `source` has the PSFs of a height.
     pub fn stages_on_demand(
         &self,
         position: usize,
@@ -252,15 +261,14 @@ impl BandPlan {
         sample: PsfSample,
         options: &Options,
         gain: f64,
-        reader: PsfReader,
+        source: &PsfSource,
     ) -> BandStages {
         let remap = Remap::new(frame, &self.lens, options.stages, options.interpolation, gain, options.simd);
         let psf = self.grid.as_ref().map(|grid| {
-            let (shape, source) =
-                ((self.lens.psf_size, self.lens.psf_pitch_um, sample), PsfSource::new(reader));
+            let shape = (self.lens.psf_size, self.lens.psf_pitch_um, sample);
             let (window, simd) = (options.psf_window, options.simd);
             let kernels =
-                KernelsOnDemand::new((&source, 0), grid.psf_sets(), shape, frame.pitch_um, window, simd);
+                KernelsOnDemand::new((source, 0), grid.psf_sets(), shape, frame.pitch_um, window, simd);
             BandPsf::on_demand(position, grid.clone(), kernels, simd)
         });
         BandStages { remap: Arc::new(remap), psf: psf.map(Arc::new), depth: None, layers: Vec::new() }

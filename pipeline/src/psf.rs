@@ -58,6 +58,8 @@ pub struct BandPsf {
     blocks: Blocks,
     engine: Option<Engine>,
     builders: Builders,
+    /// Bytes of the kernels that do not follow from others by symmetry.
+    kept_bytes: usize,
 }
 
 const NOT_IN_MEMORY: &str = "kernels that are read on demand are used by this stage alone";
@@ -143,7 +145,8 @@ impl BandPsf {
         (simd, builders): (Simd, Builders),
     ) -> Self {
         let engine = (blocks.fft > 0).then(|| Engine::new(&blocks, simd));
-        Self { band, first_id, grid, kernels, blocks, engine, builders }
+        let kept_bytes = memory::kept_bytes(&blocks, &grid);
+        Self { band, first_id, grid, kernels, blocks, engine, builders, kept_bytes }
     }
 
     /// FFT size, block and tile side.
@@ -277,12 +280,8 @@ impl BandPsf {
         cache.get((self.band, self.first_id + self.grid.id(node)), bytes, |buffer| {
             self.builders.with(&self.blocks, engine, |kernel, scratch, of_engine| {
                 let symmetry = self.symmetry_of(node, cache, scratch);
-                let group = BaseGroup::of(&self.grid, symmetry.base);
-                let key = (self.band, self.first_id + self.grid.id(group.first));
-                let kernels = cache.base_kernel(key, group.count * size_of_val(&kernel[..]), |buffer| {
-                    self.base_kernels(&group, cache, buffer, scratch)
-                });
-                let base = &kernels[(symmetry.base.j - group.first.j) * kernel.len()..][..kernel.len()];
+                let (kernels, at) = self.kernels_with(symmetry.base, cache, scratch);
+                let base = &kernels[at * kernel.len()..][..kernel.len()];
                 symmetry.expand(base, self.blocks.window, kernel);
                 engine.spectrum(kernel, of_engine, buffer)
             })
@@ -298,6 +297,40 @@ impl BandPsf {
                 self.psfs(kernels, node, cache, s);
             }),
         }
+    }
+
+    /// Kernels with that of `base`, and its place among them. Where `cache` can keep those of all heights with several PSFs, or of all rows, those that are read together: PSFs,
+    /// which take more memory, are then read once.
+    fn kernels_with(
+        &self,
+        base: Node,
+        cache: &SpectrumCache,
+        s: &mut KernelScratch,
+    ) -> (Arc<AlignedBuf>, usize) {
+        let area = self.blocks.window * self.blocks.window;
+        let id = |node: Node| self.first_id + self.grid.id(node);
+        if let Kernels::OnDemand(kernels) = &self.kernels
+            && !self.grid.is_symmetric_at(base)
+            && self.kept_bytes <= cache.max_kept_bytes()
+        {
+            let nodes = BaseGroup::read_together(&self.grid, base);
+            let bytes = (4 * nodes.count * area, self.kept_bytes);
+            let kernels = cache.kept((self.band, id(nodes.first)), bytes, |mut buffer| {
+                buffer.reset(nodes.count * area);
+                kernels.kernels_together(&self.grid, &nodes, &mut buffer);
+                buffer
+            });
+            return (kernels, id(base) - id(nodes.first));
+        }
+        let group = BaseGroup::of(&self.grid, base);
+        // Those of a lens with rotational symmetry are few: they stay for its film at another place.
+        let all =
+            if self.is_in_memory() && self.kept_bytes > 0 { 4 * self.grid.len() * area } else { usize::MAX };
+        let kernels =
+            cache.base_kernel((self.band, id(group.first)), (4 * group.count * area, all), |buffer| {
+                self.base_kernels(&group, cache, buffer, s)
+            });
+        (kernels, id(base) - id(group.first))
     }
 
     /// The base kernels of `group` in `buffer`.

@@ -15,6 +15,7 @@ use lenscube_pipeline::psf::{BandPsf, PsfScratch};
 use lenscube_pipeline::simd::Simd;
 use oracle::{Image, Noise, errors, on_every_isa};
 use std::f64::consts::TAU;
+use std::ops::Range;
 use std::process::ExitCode;
 use std::sync::Arc;
 
@@ -57,10 +58,11 @@ fn in_memory(grid: &NodeGrid, stack: &PsfStack, simd: Simd) -> BandPsf {
 
 fn on_demand(grid: &NodeGrid, stack: &PsfStack, simd: Simd) -> BandPsf {
     let (psfs, rows) = (stack.clone(), grid.clone());
-    let reader = move |_: usize, set: usize| {
-        Ok(rows.psf_rows(set).flat_map(|row| psfs.window(row)).copied().collect::<Vec<f32>>())
+    let reader = move |_: usize, sets: Range<usize>| {
+        let rows = sets.flat_map(|set| rows.psf_rows(set));
+        Ok(rows.flat_map(|row| psfs.window(row)).copied().collect::<Vec<f32>>())
     };
-    let source = PsfSource::new(Arc::new(reader));
+    let source = PsfSource::new(Arc::new(reader), 2);
     let shape = (stack.size, stack.pitch_um, stack.sample);
     let kernels = KernelsOnDemand::new((&source, 0), grid.psf_sets(), shape, 1e3 * PITCH_MM, None, simd);
     BandPsf::on_demand(0, grid.clone(), kernels, simd)

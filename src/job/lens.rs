@@ -166,13 +166,19 @@ impl JobLens {
         }
     }
 
-    /// Reader of the PSFs of the depth nodes of band `band` of [`JobLens::lens`], one at a time.
-    pub fn psf_reader(&self, band: usize) -> PsfReader {
-        let (pack, band) = match self {
-            Self::Pack(pack) => (Arc::clone(pack), band),
-            Self::Traced(traced) => (Arc::clone(&traced.packs[band]), 0),
-        };
-        Arc::new(move |node, height| Ok(pack.psf_of_height(band, node, height)?))
+    /// The pack with band `band` of [`JobLens::lens`], and its index there.
+    fn pack_of(&self, band: usize) -> (&Arc<LensPack>, usize) {
+        match self {
+            Self::Pack(pack) => (pack, band),
+            Self::Traced(traced) => (&traced.packs[band], 0),
+        }
+    }
+
+    /// Reader of sets of PSFs of band `band` of [`JobLens::lens`], or of its depth nodes; computed on `threads` threads.
+    pub fn psf_reader(&self, band: usize, threads: usize) -> PsfReader {
+        let (pack, band) = self.pack_of(band);
+        let pack = Arc::clone(pack);
+        Arc::new(move |node, sets| Ok(pack.psfs_of_sets(band, node, sets, threads)?))
     }
 
     /// Digest of the lens.
@@ -220,15 +226,16 @@ impl JobLens {
 
     /// Bytes that reading the PSFs of a band of [`JobLens::lens`] needs in addition to the samples.
     pub fn psf_reading_bytes(&self, band: usize) -> usize {
-        match self {
-            Self::Pack(pack) => pack.psf_reading_bytes(band),
-            Self::Traced(traced) => traced.packs[band].psf_reading_bytes(0),
-        }
+        let (pack, band) = self.pack_of(band);
+        pack.psf_reading_bytes(band)
     }
 
-    /// Maximum over the bands of the bytes that reading the PSFs of a band needs; the digest reads all bands in sequence.
+    /// Maximum over the bands of the bytes that reading a band needs, its PSFs or pupil functions; the digest reads all bands in sequence.
     pub fn max_reading_bytes(&self) -> usize {
         let bytes = |(b, band): (usize, &LensBand)| {
+            if self.pack_of(b).0.has_pupils() {
+                return self.psf_reading_bytes(b);
+            }
             let nodes = self.lens().depth.iter().flat_map(|depth| &depth.bands[b].nodes);
             let samples = nodes.map(|node| node.psf_height_mm.len() * node.psf_size.pow(2)).max();
             let samples = samples.unwrap_or(band.psf_count() * band.psf_size * band.psf_size);

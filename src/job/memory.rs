@@ -23,6 +23,7 @@ use pipeline::cuda::memory::BandNeeds;
 use pipeline::executor::memory::{self as queues, Walk};
 use pipeline::geometry::{Frame, Size};
 use pipeline::layer::Layer;
+use pipeline::psf::spectra::SpectrumCache;
 use pipeline::remap::{Remap, memory as remap};
 use pipeline::stages::{self, described};
 use pipeline::tiling::FilmRegion;
@@ -49,6 +50,8 @@ const CHART_CACHE_OVERHEAD: f64 = 1.4;
 const MIN_SPECTRA: usize = 24;
 /// PSFs of depth nodes per worker below which every kernel would read its PSF again: two heights of two nodes.
 const MIN_PSFS: usize = 4;
+/// The same for the sets of PSFs of heights.
+const MIN_SETS: usize = 2;
 
 /// How a run's memory is divided, bytes.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -242,7 +245,8 @@ impl MemoryInputs<'_> {
                     * (4 * depth.max_samples() + depth.max_psf_bytes() + (self.psf_reading)(p));
             }
             if p.reads_on_demand() {
-                return self.threads * (2 * p.largest_set_bytes() + (self.psf_reading)(p));
+                // By all threads, one set at a time: samples, and what is kept of them.
+                return 2 * p.largest_set_bytes() + self.threads * (self.psf_reading)(p);
             }
             let stacks = if p.lens_bands.second.is_some() { 3 } else { 1 };
             let samples = p.lens.psf_count() * p.lens.psf_size.pow(2);
@@ -294,11 +298,14 @@ impl MemoryInputs<'_> {
             shard.map_or(0, |rect| self.spectra_of(p, rect.grown(p.tiling.margin() + p.tiling.tile())))
         };
         let psfs_on_demand = |p: &BandPlan| psfs_on_demand(p, self.frame);
-        let (psf, psfs) = (self.max(largest_psf), self.max(psfs_on_demand));
+        let min_psfs = |p: &BandPlan| largest_psf(p) * if p.depth.is_some() { MIN_PSFS } else { MIN_SETS };
+        let (psfs, min_psfs) = (self.max(psfs_on_demand), self.max(min_psfs));
         let min = self.max(nodes).min(self.threads * MIN_SPECTRA * self.max(largest_spectrum));
-        let min = min + (self.threads * MIN_PSFS * psf).min(psfs);
+        let min = min + (self.threads * min_psfs).min(psfs);
+        // Kernels that are kept need no PSFs any more.
+        let kept = SpectrumCache::bytes_to_keep(self.max(BandPlan::kept_bytes));
         let all = |p: &BandPlan| nodes(p) + psfs_on_demand(p);
-        (min, self.max(of_shard).max(min), self.bands.iter().map(all).sum())
+        (min, self.max(of_shard).max(min).max(kept), self.bands.iter().map(all).sum())
     }
 
     fn demand(&self, gpus: &GpuDemand) -> Demand {

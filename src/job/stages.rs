@@ -13,6 +13,7 @@ use pipeline::depth::seen::SeenChart;
 use pipeline::flow::{ChartSource, SourceSinkError};
 use pipeline::layer::Layer;
 use pipeline::psf::BandPsf;
+use pipeline::psf::kernel::on_demand::PsfSource;
 use pipeline::tails::TailKernels;
 use std::sync::atomic::AtomicBool;
 use std::sync::{Arc, Mutex};
@@ -44,13 +45,13 @@ pub fn with_id(job: &Job, position: usize, id: usize) -> Result<BandStages, Stag
     let plan = &job.plans[position];
     let gain = job.gains[position] * remaining(&job.layers, job.film_bands[position]);
     if plan.depth.is_some() {
-        let reader = job.lens.psf_reader(plan.lens_bands.first);
+        let reader = job.lens.psf_reader(plan.lens_bands.first, 1);
         return Ok(plan.depth_stages(id, &job.frame, job.lens.lens(), &job.options, gain, reader));
     }
     if plan.reads_on_demand() {
-        let reader = job.lens.psf_reader(plan.lens_bands.first);
-        let sample = job.lens.lens().psf_sample;
-        return Ok(plan.stages_on_demand(id, &job.frame, sample, &job.options, gain, reader));
+        let reader = job.lens.psf_reader(plan.lens_bands.first, job.threads);
+        let (sample, source) = (job.lens.lens().psf_sample, PsfSource::new(reader, job.threads));
+        return Ok(plan.stages_on_demand(id, &job.frame, sample, &job.options, gain, &source));
     }
     let read_psfs = |band: usize| match plan.node {
         Some(node) => Ok(job.lens.psf_of_node(band, node)?),

@@ -157,7 +157,7 @@ impl LensPack {
     /// # Errors
     /// There is no such band; a chunk is missing or damaged; a sample is not finite; the sum of a window is not 1; invalid pupil functions;
     /// [`LensPackError::Changed`]; [`LensPackError::TooLarge`]: pupil functions of more PSFs than are read at once, which
-    /// [`psf_of_height`](Self::psf_of_height) reads.
+    /// [`psfs_of_sets`](Self::psfs_of_sets) reads.
     pub fn psf(&self, band: usize) -> Result<PsfStack, LensPackError> {
         if let Some(depth) = &self.lens.depth {
             let focus = depth.focus();
@@ -168,7 +168,7 @@ impl LensPack {
             Stored::Pupils(pupils) => {
                 let psfs = (pupils.heights(), pupils.size());
                 read::check_together(self.path(), &format!("pupil/{band}"), psfs, MAX_SAMPLES)?;
-                read::psfs_of(&self.store, &self.lens, (band, 0), &pupils)
+                read::psfs_of(&self.store, &self.lens, (band, 0), &pupils, 1)
             }
         }
     }
@@ -202,19 +202,26 @@ impl LensPack {
         read::psf(&self.store, &self.lens, band, Some(node))
     }
 
-    /// Reads the PSFs of the set `set` of band `band`, and of its depth node `node` if it has some, n × n samples each: the PSF at a height; of a
-    /// lens without rotational symmetry those of all azimuths at a height, or one of a grid. Computed, if the pack has pupil functions.
+    /// Reads the PSFs of the consecutive sets `sets` of band `band`, and of its depth node `node` if it has some, n × n samples each. A set is the PSF at a height; of a
+    /// lens without rotational symmetry those of all azimuths at a height, or one of a grid. Computed on `threads` threads, if the pack has pupil functions.
     ///
     /// # Errors
     /// As [`psf_of_node`](Self::psf_of_node), or invalid pupil functions.
     ///
     /// # Panics
-    /// There is no such node or set.
-    pub fn psf_of_height(&self, band: usize, node: usize, set: usize) -> Result<Vec<f32>, LensPackError> {
-        let rows = self.lens.bands.get(band).map_or(set..set + 1, |b| rows_of_set(b, set));
+    /// There is no such node or set; no set.
+    pub fn psfs_of_sets(
+        &self,
+        band: usize,
+        node: usize,
+        sets: Range<usize>,
+        threads: usize,
+    ) -> Result<Vec<f32>, LensPackError> {
+        let of_set = |set: usize| self.lens.bands.get(band).map_or(set..set + 1, |b| rows_of_set(b, set));
+        let rows = of_set(sets.start).start..of_set(sets.end - 1).end;
         if self.has_pupils {
             let pupils = read::pupils(&self.store, &self.lens, band, Some(rows.clone()))?;
-            return Ok(read::psfs_of(&self.store, &self.lens, (band, rows.start), &pupils)?.samples);
+            return Ok(read::psfs_of(&self.store, &self.lens, (band, rows.start), &pupils, threads)?.samples);
         }
         Ok(read::windows(&self.store, &self.lens, (band, Some(node)), Some(rows))?.samples)
     }

@@ -130,7 +130,7 @@ fn the_psf_of_one_height_is_that_of_all_heights() {
             let stack = pack.psf_of_node(b, d).unwrap();
             for k in 0..stack.heights() {
                 assert_eq!(
-                    pack.psf_of_height(b, d, k).unwrap(),
+                    pack.psfs_of_sets(b, d, k..k + 1, 2).unwrap(),
                     stack.window(k),
                     "band {b}, node {d}, height {k}"
                 );
@@ -138,7 +138,7 @@ fn the_psf_of_one_height_is_that_of_all_heights() {
         }
     }
     std::fs::remove_dir_all(path.join("psf/1/2/c")).unwrap();
-    let e = LensPack::open(&path).unwrap().psf_of_height(1, 2, 1).unwrap_err();
+    let e = LensPack::open(&path).unwrap().psfs_of_sets(1, 2, 1..2, 2).unwrap_err();
     assert!(e.to_string().contains("psf/1/2"), "{e}");
 }
 

@@ -133,7 +133,11 @@ fn a_set_is_all_azimuths_of_a_height_or_one_psf_of_a_grid() {
             let (stack, samples) = (psfs(&lens, b), lens.bands[b].psf_size.pow(2));
             for (set, rows) in sets.into_iter().enumerate() {
                 let expected = &stack.samples[rows.start * samples..rows.end * samples];
-                assert_eq!(pack.psf_of_height(b, 0, set).unwrap(), expected, "band {b}, set {set}");
+                assert_eq!(
+                    pack.psfs_of_sets(b, 0, set..set + 1, 2).unwrap(),
+                    expected,
+                    "band {b}, set {set}"
+                );
             }
         }
     }
@@ -153,7 +157,7 @@ fn windows_are_read_from_chunks_of_several() {
     assert_eq!(chunks, 3);
     assert_eq!(pack.psf_reading_bytes(0), 3 * 4 * 7 * 183 * 183);
     assert_eq!(pack.psf(0).unwrap(), psfs(&lens, 0));
-    assert_eq!(pack.psf_of_height(0, 0, 1).unwrap(), psfs(&lens, 0).samples[183 * 183..]);
+    assert_eq!(pack.psfs_of_sets(0, 0, 1..2, 2).unwrap(), psfs(&lens, 0).samples[183 * 183..]);
 }
 
 #[test]

@@ -322,7 +322,7 @@ impl DepthPlan {
         gain: f64,
         reader: PsfReader,
     ) -> DepthStage {
-        let (source, builders) = (PsfSource::new(reader), Builders::default());
+        let (source, builders) = (PsfSource::new(reader, 1), Builders::default());
         let fields = (0..self.slabs.count()).map(|s| {
             let (low, high) = self.slabs.nodes(s);
             let tables = nodes.between(band, (self.first_node + low, self.first_node + high));

@@ -38,6 +38,18 @@ pub fn interpolation_bytes(grid: &NodeGrid, samples: usize) -> usize {
     if depends_on_azimuth { 4 * BaseGroup::MAX_COUNT * (samples + 8) * (samples + 8) } else { 0 }
 }
 
+/// Base kernels of all nodes of heights with several PSFs, or of a Cartesian grid.
+pub fn kept_bytes(blocks: &Blocks, grid: &NodeGrid) -> usize {
+    let nodes = match grid {
+        NodeGrid::Polar(polar) => {
+            let heights = (0..grid.psf_sets()).filter(|k| grid.psf_rows(*k).len() > 1);
+            heights.map(|k| polar.azimuths()[k]).sum()
+        }
+        NodeGrid::Cartesian(_) => grid.len(),
+    };
+    4 * nodes * blocks.window * blocks.window
+}
+
 /// Spectra of the nodes of `grid` that have a weight at a pixel of `rect` or within a block of it, and their base kernels: one for each
 /// azimuth of a quadrant where a height has one PSF, else one for each node; the optical axis is at `axis_px` (row, column).
 pub fn spectra_bytes(blocks: &Blocks, grid: &NodeGrid, rect: Rect, axis_px: (f64, f64)) -> usize {

@@ -20,6 +20,7 @@ pub struct SpectrumCache {
     limit: usize,
     spectra: Cache,
     base_kernels: Cache,
+    kept: Cache,
     psfs: Cache,
 }
 
@@ -27,6 +28,8 @@ pub struct SpectrumCache {
 /// half a film later, when the spectra of its first use are evicted: hence a limit of its own. It takes ten times the time of a spectrum
 /// to build, and less memory: all 700 of a fine grid take 7 MB at 51 px, 62 MB at 151 px.
 const BASE_KERNEL_PART: usize = 2;
+/// Of base kernels that are kept: those of a lens without rotational symmetry, one for each node.
+const KEPT_SHARE: f64 = 0.75;
 /// Of PSFs that are read on demand: a quarter of the azimuths of a height have base kernels of it.
 const PSF_PART: usize = 4;
 
@@ -72,7 +75,13 @@ impl State {
 impl SpectrumCache {
     /// A cache of at most `limit` bytes, not counting evicted buffers still in use.
     pub fn new(limit: usize) -> Self {
-        Self { limit, spectra: Cache::default(), base_kernels: Cache::default(), psfs: Cache::default() }
+        Self {
+            limit,
+            spectra: Cache::default(),
+            base_kernels: Cache::default(),
+            kept: Cache::default(),
+            psfs: Cache::default(),
+        }
     }
 
     /// The spectrum of `key`, `bytes` long; if absent, built by `build` from a buffer to reuse.
@@ -82,18 +91,39 @@ impl SpectrumCache {
         bytes: usize,
         build: impl FnOnce(AlignedBuf) -> AlignedBuf,
     ) -> Arc<AlignedBuf> {
-        let limit = || self.limit.saturating_sub(self.base_kernels.bytes() + self.psfs.bytes());
+        let others = || self.base_kernels.bytes() + self.kept.bytes() + self.psfs.bytes();
+        let limit = || self.limit.saturating_sub(others());
         self.spectra.get(key, bytes, limit, build)
     }
 
-    /// The same for base kernels.
+    /// The same for base kernels, at most `all` bytes for all of the band: those of other bands are evicted.
     pub fn base_kernel(
         &self,
         key: SpectrumKey,
-        bytes: usize,
+        (bytes, all): (usize, usize),
         build: impl FnOnce(AlignedBuf) -> AlignedBuf,
     ) -> Arc<AlignedBuf> {
-        self.base_kernels.get(key, bytes, || self.limit / BASE_KERNEL_PART, build)
+        self.base_kernels.get(key, bytes, || all.min(self.limit / BASE_KERNEL_PART), build)
+    }
+
+    /// The same for base kernels that are kept, of nodes whose PSFs are read together; `all` bytes for all of the band: those of other bands are evicted.
+    pub fn kept(
+        &self,
+        key: SpectrumKey,
+        (bytes, all): (usize, usize),
+        build: impl FnOnce(AlignedBuf) -> AlignedBuf,
+    ) -> Arc<AlignedBuf> {
+        self.kept.get(key, bytes, || all, build)
+    }
+
+    /// Bytes of the base kernels that it can keep.
+    pub fn max_kept_bytes(&self) -> usize {
+        (KEPT_SHARE * self.limit as f64) as usize
+    }
+
+    /// The bytes of a cache that keeps `kernels` bytes of base kernels.
+    pub fn bytes_to_keep(kernels: usize) -> usize {
+        (kernels as f64 / KEPT_SHARE).ceil() as usize
     }
 
     /// The same for prepared PSFs, by band and an id of the height.
@@ -186,11 +216,32 @@ mod tests {
         }
         cache.get((0, 0), 64, |_| unreachable!("no base kernels yet"));
         for i in 0..6 {
-            cache.base_kernel((0, i), 64, filled);
+            cache.base_kernel((0, i), (64, 8 * 64), filled);
         }
-        cache.base_kernel((0, 2), 64, |_| unreachable!("four are kept"));
+        cache.base_kernel((0, 2), (64, 8 * 64), |_| unreachable!("four are kept"));
         cache.get((0, 8), 64, filled);
         assert_eq!((cache.spectra.bytes(), cache.base_kernels.bytes()), (4 * 64, 4 * 64));
+    }
+
+    #[test]
+    fn kernels_of_other_bands_are_evicted() {
+        let cache = SpectrumCache::new(16 * 64);
+        let filled = |mut b: AlignedBuf| {
+            b.reset(16);
+            b
+        };
+        for i in 0..8 {
+            cache.kept((0, i), (64, 8 * 64), filled);
+            cache.base_kernel((0, i), (64, 8 * 64), filled);
+        }
+        assert_eq!((cache.kept.bytes(), cache.base_kernels.bytes()), (8 * 64, 8 * 64));
+        for i in 0..2 {
+            cache.kept((1, i), (64, 2 * 64), filled);
+            cache.base_kernel((1, i), (64, 3 * 64), filled);
+        }
+        cache.kept((1, 0), (64, 2 * 64), |_| unreachable!("all of the band are kept"));
+        cache.base_kernel((0, 7), (64, 3 * 64), |_| unreachable!("used last of the band before"));
+        assert_eq!((cache.kept.bytes(), cache.base_kernels.bytes()), (2 * 64, 3 * 64));
     }
 
     #[test]

@@ -13,12 +13,14 @@ use lenscube_pipeline::lens::middle::Middle;
 use lenscube_pipeline::lens::planar::{PlanarMap, PsfPlaces};
 use lenscube_pipeline::lens::tail::{BandTail, ORDERS, TERMS};
 use lenscube_pipeline::lens::{Lens, LensBand, LensError, PsfSample, PsfStack};
+use lenscube_pipeline::psf::kernel::on_demand::PsfSource;
 use lenscube_pipeline::psf::spectra::SpectrumCache;
 use lenscube_pipeline::simd::Simd;
 use lenscube_pipeline::stage::Stages;
 use lenscube_pipeline::stages::StageCompute;
 use lenscube_pipeline::tails::{ChartCells, TAIL_MARGIN_BINS, TailKernels};
 use lenscube_pipeline::tiling::{FilmRegion, ShardId};
+use std::ops::Range;
 use std::sync::atomic::AtomicBool;
 use std::sync::{Arc, Mutex};
 
@@ -219,11 +221,13 @@ impl Problem {
     fn stages(&self, plan: &BandPlan) -> BandStages {
         if self.on_demand {
             let (psfs, grid) = (self.stack.clone(), plan.grid.clone().unwrap());
-            let reader = move |_: usize, set: usize| {
-                Ok(grid.psf_rows(set).flat_map(|row| psfs.window(row)).copied().collect::<Vec<f32>>())
+            let reader = move |_: usize, sets: Range<usize>| {
+                let rows = sets.flat_map(|set| grid.psf_rows(set));
+                Ok(rows.flat_map(|row| psfs.window(row)).copied().collect::<Vec<f32>>())
             };
             let sample = self.stack.sample;
-            return plan.stages_on_demand(0, &self.frame, sample, &self.options, self.gain, Arc::new(reader));
+            let source = PsfSource::new(Arc::new(reader), 2);
+            return plan.stages_on_demand(0, &self.frame, sample, &self.options, self.gain, &source);
         }
         let stack = |_| Ok::<_, LensError>(self.stack.clone());
         plan.stages(0, &self.frame, &self.options, self.gain, stack).unwrap()

@@ -73,7 +73,7 @@ impl FilmLens {
         place_mm: [f64; 2],
     ) -> Result<(usize, Vec<f32>)> {
         film.kernel(place_mm, self.lens.psf_sample, |set| match &self.psfs {
-            Psfs::Pack(pack) => Ok(pack.psf_of_height(band, 0, set)?),
+            Psfs::Pack(pack) => Ok(pack.psfs_of_sets(band, 0, set..set + 1, 1)?),
             Psfs::Traced(stacks) => Ok(stacks[band].window(set).to_vec()),
         })
     }

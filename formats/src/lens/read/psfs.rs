@@ -62,16 +62,17 @@ pub fn windows(
     Ok(PsfStack { size: n, pitch_um, sample: lens.psf_sample, samples: values })
 }
 
-/// The PSFs of pupil functions of band `index`, of which the first is that of window `first`: finite, each with sum 1.
+/// The PSFs of pupil functions of band `index`, of which the first is that of window `first`, computed on `threads` threads: finite, each with sum 1.
 pub fn psfs_of(
     store: &PackStore,
     lens: &Lens,
     (index, first): (usize, usize),
     pupils: &PupilStack,
+    threads: usize,
 ) -> Result<PsfStack, LensPackError> {
     let name = format!("pupil/{index}");
     let invalid = |source| LensPackError::Pupil { path: store.path.clone(), array: name.clone(), source };
-    let mut stack = pupils.psfs().map_err(invalid)?;
+    let mut stack = pupils.psfs(threads).map_err(invalid)?;
     let n = stack.size;
     let places = Places::Band(&lens.bands[index]);
     for (k, window) in (first..).zip(stack.samples.chunks_exact_mut(n * n)) {

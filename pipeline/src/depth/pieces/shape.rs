@@ -93,7 +93,7 @@ impl Shape {
     fn parts(&self, k: usize) -> &[Part] {
         self.parts[k].get_or_init(|| {
             let n = self.samples;
-            let psf = self.source.read(self.node, k, n * n);
+            let psf = self.source.read(self.node, k..k + 1, n * n);
             let step = n.div_ceil(CELLS);
             let across = n.div_ceil(step);
             let mut sums = vec![(0.0, (0.0, 0.0)); across * across];
@@ -180,6 +180,7 @@ fn piece(y: f64, x: f64) -> usize {
 #[cfg(test)]
 mod tests {
     use super::*;
+    use std::ops::Range;
     use std::sync::Arc;
 
     /// Disc of `radius` samples about (cy, cx), with light where `is_open` (pupil coordinates −y, −x), 301 samples a row.
@@ -194,10 +195,13 @@ mod tests {
 
     fn shape(psfs: Vec<Vec<f32>>) -> Shape {
         let heights: Vec<f64> = (0..psfs.len()).map(|k| 100.0 * k as f64).collect();
-        let source = PsfSource::new(Arc::new(move |node, k| {
-            assert_eq!(node, 3);
-            Ok(psfs[k].clone())
-        }));
+        let source = PsfSource::new(
+            Arc::new(move |node, sets: Range<usize>| {
+                assert_eq!(node, 3);
+                Ok(psfs[sets].concat())
+            }),
+            1,
+        );
         Shape::new(&source, (3, 30.0), &heights, (301, 0.25), (91, Simd::detect()))
     }
 

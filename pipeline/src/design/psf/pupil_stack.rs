@@ -19,6 +19,7 @@ use super::huygens::{PsfGrid, PsfScratch};
 use crate::design::pupil::function::{Patch, PupilFunction};
 use crate::design::pupil::{Pupil, Segment};
 use crate::lens::{PsfSample, PsfStack};
+use crate::parts::for_each_part;
 
 /// Numbers that describe a segment: index of its height, rings, spokes, first and last angle in rad, the surface whose aperture is its rim (−1: none),
 /// centre of its domain on the meridian in pupil coordinates, and 1 or −1 for a part that an obscuration hides.
@@ -80,26 +81,28 @@ impl PupilStack {
         self.functions.first().is_some_and(|f| f.is_whole)
     }
 
-    /// Computes the PSFs, each of sum 1, on the calling thread.
+    /// Computes the PSFs, each of sum 1, on `threads` threads.
     ///
     /// # Errors
     /// Directions of a pupil whose Nyquist pitch is below that of the samples.
-    pub fn psfs(&self) -> Result<PsfStack, PupilError> {
+    pub fn psfs(&self, threads: usize) -> Result<PsfStack, PupilError> {
         let n = self.size;
         let grid = PsfGrid::new(n / 2, self.pitch_um);
-        let mut scratch = (PsfScratch::default(), Vec::new());
         let mut samples = vec![0.0; n * n * self.functions.len()];
-        let mut segment = 0;
-        for (f, out) in self.functions.iter().zip(samples.chunks_exact_mut(n * n)) {
+        let one = |scratch: &mut (PsfScratch, Vec<f32>),
+                   (k, (f, out)): (usize, (&PupilFunction, &mut [f32]))| {
             let wavelets = f.wavelets(grid.reach_um(), 0.0, false);
             if !grid.resolves(f.wavelength_um, &wavelets) {
+                let segment = self.functions[..k].iter().map(|f| f.patches.len()).sum();
                 let problem = format!("has directions finer than samples of {} µm resolve", self.pitch_um);
                 return Err(PupilError { segment, problem });
             }
             grid.sum(f, &wavelets, !f.is_whole, &mut scratch.0, &mut scratch.1);
             normalise(&scratch.1, out);
-            segment += f.patches.len();
-        }
+            Ok(())
+        };
+        let psfs = self.functions.iter().zip(samples.chunks_exact_mut(n * n)).enumerate();
+        for_each_part(threads, psfs, <(PsfScratch, Vec<f32>)>::default, one)?;
         Ok(PsfStack { size: n, pitch_um: self.pitch_um, sample: PsfSample::Point, samples })
     }
 

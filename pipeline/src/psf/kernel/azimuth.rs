@@ -14,10 +14,10 @@ use crate::psf::grid::{Node, NodeGrid};
 use crate::real;
 use std::f64::consts::PI;
 
-/// Nodes whose base kernels are computed together: some of a height, or one.
+/// Nodes whose base kernels are computed together: some of a height, a row of a Cartesian grid, or one.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub(in crate::psf) struct BaseGroup {
-    /// The first; the others have the azimuths after its own.
+    /// The first; the others have the azimuths after its own, or the columns.
     pub(in crate::psf) first: Node,
     pub(in crate::psf) count: usize,
 }
@@ -35,6 +35,20 @@ impl BaseGroup {
         let first = base.j / Self::MAX_COUNT * Self::MAX_COUNT;
         let count = Self::MAX_COUNT.min(grid.azimuths()[base.k] - first);
         Self { first: Node { j: first, ..base }, count }
+    }
+
+    /// The nodes whose PSFs are read together with that of `base`: those of its height, of a Cartesian grid those of its row.
+    pub(in crate::psf) fn read_together(grid: &NodeGrid, base: Node) -> Self {
+        match grid {
+            NodeGrid::Polar(nodes) => Self { first: Node { j: 0, ..base }, count: nodes.azimuths()[base.k] },
+            NodeGrid::Cartesian(nodes) => Self { first: Node { k: 0, ..base }, count: nodes.x().count() },
+        }
+    }
+
+    /// Parts of nodes of a height that are computed together, in order.
+    pub(in crate::psf) fn parts(self, grid: &NodeGrid) -> impl Iterator<Item = Self> {
+        let starts = (0..self.count).step_by(Self::MAX_COUNT);
+        starts.map(move |j| Self::of(grid, Node { j, ..self.first }))
     }
 
     /// `base` alone.

@@ -3,26 +3,35 @@
 //! The depth nodes of a lens with large blurs have gigabytes of PSFs, of which a tile of the film needs a few heights of a few nodes; a lens with
 //! errors has up to a gigabyte a band in the blue. The PSFs of a set ([`NodeGrid::psf_set`]: all of a height) are read and prepared at once,
 //! into one buffer: of each its spline coefficients and its kernel at azimuth 0. Symmetry is that of each height's own PSF.
+//! A set of several PSFs, or the sets of a row of nodes, are read, and their kernels are computed, by all threads, one at a time: other workers need them as well, or their own would
+//! take as much memory again.
 
 use super::resampler::{PreparedPsf, Resampler};
 use super::{BaseGroup, KernelScratch, KernelSymmetry, is_mirrored, lane_sum};
 use crate::buffer::AlignedBuf;
 use crate::lens::PsfSample;
+use crate::parts::for_each_part;
 use crate::psf::grid::{Node, NodeGrid};
 use crate::simd::Simd;
+use std::convert::Infallible;
+use std::ops::Range;
 use std::sync::{Arc, Mutex, OnceLock};
 
 /// Error of a reader of PSFs.
 pub type PsfReadError = Box<dyn std::error::Error + Send + Sync>;
 
-/// Reads the samples of the PSFs of (depth node, set of PSFs), window after window; 0 is the depth node of a lens without any.
-pub type PsfReader = Arc<dyn Fn(usize, usize) -> Result<Vec<f32>, PsfReadError> + Send + Sync>;
+/// Reads the samples of the PSFs of (depth node, consecutive sets of PSFs), window after window; 0 is the depth node of a lens without any.
+pub type PsfReader = Arc<dyn Fn(usize, Range<usize>) -> Result<Vec<f32>, PsfReadError> + Send + Sync>;
 
 /// Where PSFs are read from, and the first error of it. What was computed after an error is not valid.
 #[derive(Clone)]
 pub struct PsfSource {
     reader: PsfReader,
     error: Arc<Mutex<Option<String>>>,
+    /// Threads that read a set of several PSFs.
+    threads: usize,
+    /// Held while they do.
+    set: Arc<Mutex<()>>,
 }
 
 impl std::fmt::Debug for PsfSource {
@@ -32,9 +41,9 @@ impl std::fmt::Debug for PsfSource {
 }
 
 impl PsfSource {
-    /// Reads by `reader`.
-    pub fn new(reader: PsfReader) -> Self {
-        Self { reader, error: Arc::default() }
+    /// Reads by `reader`; sets of several PSFs on `threads` threads.
+    pub fn new(reader: PsfReader, threads: usize) -> Self {
+        Self { reader, error: Arc::default(), threads, set: Arc::default() }
     }
 
     /// Fails if a PSF could not be read.
@@ -48,12 +57,26 @@ impl PsfSource {
         }
     }
 
-    /// The samples, or zeros and a note of the error.
-    pub(crate) fn read(&self, node: usize, set: usize, samples: usize) -> Vec<f32> {
-        let problem = match (self.reader)(node, set) {
+    /// Passes each of `parts` to `each`, on all threads.
+    fn share<P: Send>(
+        &self,
+        parts: impl Iterator<Item = P> + Send,
+        each: impl Fn(&mut KernelScratch, P) + Sync,
+    ) {
+        let each = |s: &mut KernelScratch, part| {
+            each(s, part);
+            Ok::<_, Infallible>(())
+        };
+        let Ok(()) = for_each_part(self.threads, parts, KernelScratch::default, each);
+    }
+
+    /// The samples of the PSFs of `sets`, `samples` in all, or zeros and a note of the error.
+    pub(crate) fn read(&self, node: usize, sets: Range<usize>, samples: usize) -> Vec<f32> {
+        let first = sets.start;
+        let problem = match (self.reader)(node, sets) {
             Ok(psf) if psf.len() == samples => return psf,
             Ok(psf) => {
-                format!("PSF {set} of depth node {node} has {} samples, expected {samples}", psf.len())
+                format!("PSF {first} of depth node {node} has {} samples, expected {samples}", psf.len())
             }
             Err(error) => error.to_string(),
         };
@@ -120,19 +143,58 @@ impl KernelsOnDemand {
         s: &mut KernelScratch,
     ) -> AlignedBuf {
         let (n, count) = (self.resampler.samples(), grid.psf_rows(set).len());
-        let psfs = self.source.read(self.node, set, count * n * n);
-        self.mirrored[set].get_or_init(|| {
-            let light = lane_sum(&psfs, &psfs, |v, _| f64::from(v));
-            count == 1 && is_mirrored(&psfs, n, light)
-        });
         buffer.reset(self.psf_bytes(count) / size_of::<f32>());
-        let (coefficients, kernel) = self.resampler.lengths();
-        for (psf, to) in psfs.chunks_exact(n * n).zip(buffer.chunks_exact_mut(coefficients + kernel)) {
-            let prepared = self.resampler.prepare(psf, s);
-            to[..coefficients].copy_from_slice(&prepared.coefficients);
-            to[coefficients..].copy_from_slice(&prepared.unrotated);
+        if count > 1 {
+            let _set = self.source.set.lock().expect("no panic while held");
+            self.prepare_together(set, count, &mut buffer);
+            return buffer;
         }
+        let psf = self.source.read(self.node, set..set + 1, n * n);
+        self.mirrored[set].get_or_init(|| {
+            let light = lane_sum(&psf, &psf, |v, _| f64::from(v));
+            is_mirrored(&psf, n, light)
+        });
+        self.prepare_one(&psf, true, &mut buffer, s);
         buffer
+    }
+
+    /// Reads and prepares the `count` PSFs of the set `set`, one after another in `to`.
+    fn prepare_together(&self, set: usize, count: usize, to: &mut [f32]) {
+        let (n, length) = (self.resampler.samples(), to.len() / count);
+        let psfs = self.source.read(self.node, set..set + 1, count * n * n);
+        let psfs = psfs.chunks_exact(n * n).zip(to.chunks_exact_mut(length)).enumerate();
+        self.source.share(psfs, |s, (a, (psf, to))| {
+            // At other azimuths than 0, 90, 180 and 270° kernels are rotated.
+            self.prepare_one(psf, (4 * a).is_multiple_of(count), to, s);
+        });
+    }
+
+    /// Prepares `psf` in `to`: its coefficients, and if `is_used_unrotated` its kernel at azimuth 0.
+    fn prepare_one(&self, psf: &[f32], is_used_unrotated: bool, to: &mut [f32], s: &mut KernelScratch) {
+        let (coefficients, unrotated) = to.split_at_mut(self.resampler.lengths().0);
+        coefficients.copy_from_slice(&self.resampler.coefficients(psf, s));
+        if is_used_unrotated {
+            unrotated.copy_from_slice(&self.resampler.unrotated(psf, s));
+        }
+    }
+
+    /// The kernels of the nodes `nodes` of `grid`, those of a height with several PSFs or of a row, row down, one after another into `out`.
+    pub(in crate::psf) fn kernels_together(&self, grid: &NodeGrid, nodes: &BaseGroup, out: &mut [f32]) {
+        let _set = self.source.set.lock().expect("no panic while held");
+        let (set, area) = (grid.psf_set(nodes.first), self.size() * self.size());
+        let count = grid.psf_rows(set).len();
+        if count == 1 {
+            let n = self.resampler.samples();
+            let psfs = self.source.read(self.node, set..set + nodes.count, nodes.count * n * n);
+            self.source.share(psfs.chunks_exact(n * n).zip(out.chunks_mut(area)), |s, (psf, out)| {
+                out.copy_from_slice(&self.resampler.unrotated(psf, s));
+            });
+            return;
+        }
+        let mut psfs = AlignedBuf::zeroed(self.psf_bytes(count) / size_of::<f32>());
+        self.prepare_together(set, count, &mut psfs);
+        let groups = nodes.parts(grid).zip(out.chunks_mut(BaseGroup::MAX_COUNT * area));
+        self.source.share(groups, |s, (group, out)| self.base_kernels(grid, &group, &psfs, s, out));
     }
 
     /// How the kernel of `node` follows from a base kernel; `read` makes its set be prepared if it never was.
@@ -198,11 +260,11 @@ mod tests {
         let grid = NodeGrid::new(&[0.0, 1.0], &[1, 8], 2e-3);
         let all = NodeKernels::new(&stack, 2.0, None, simd);
         let samples = stack.samples.clone();
-        let reader: PsfReader = Arc::new(move |node, k| {
+        let reader: PsfReader = Arc::new(move |node, sets| {
             assert_eq!(node, 7);
-            Ok(samples[441 * k..][..441].to_vec())
+            Ok(samples[441 * sets.start..441 * sets.end].to_vec())
         });
-        let source = PsfSource::new(reader);
+        let source = PsfSource::new(reader, 2);
         let shape = (21, 0.7, PsfSample::Point);
         let kernels = KernelsOnDemand::new((&source, 7), 2, shape, 2.0, None, simd);
         let (mut s, mut other) = (KernelScratch::default(), KernelScratch::default());
@@ -226,11 +288,11 @@ mod tests {
 
     #[test]
     fn the_first_error_of_reading_remains() {
-        let reader: PsfReader = Arc::new(|_, k| match k {
+        let reader: PsfReader = Arc::new(|_, sets| match sets.start {
             0 => Ok(vec![0.0; 9]),
-            _ => Err(format!("no height {k}").into()),
+            k => Err(format!("no height {k}").into()),
         });
-        let source = PsfSource::new(reader);
+        let source = PsfSource::new(reader, 2);
         let shape = (3, 2.0, PsfSample::Integrated);
         let kernels = KernelsOnDemand::new((&source, 0), 3, shape, 2.0, None, Simd::PORTABLE);
         let mut s = KernelScratch::default();

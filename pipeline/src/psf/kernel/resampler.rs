@@ -77,14 +77,23 @@ impl Resampler {
     }
 
     pub(super) fn prepare(&self, window: &[f32], s: &mut KernelScratch) -> Prepared {
-        let coefficients = padded_coefficients(window, self.samples, &mut s.rotated, &mut s.half);
+        Prepared { coefficients: self.coefficients(window, s), unrotated: self.unrotated(window, s) }
+    }
+
+    /// [`Prepared::coefficients`].
+    pub(super) fn coefficients(&self, window: &[f32], s: &mut KernelScratch) -> Vec<f32> {
+        padded_coefficients(window, self.samples, &mut s.rotated, &mut s.half)
+    }
+
+    /// [`Prepared::unrotated`].
+    pub(super) fn unrotated(&self, window: &[f32], s: &mut KernelScratch) -> Vec<f32> {
         s.rotated.clear();
         s.rotated.extend(window.iter().map(|&v| f64::from(v)));
         let sum = self.to_film_pixels(s);
         // A complete window of sum 1 keeps its bits.
         let is_complete = self.pixels.is_none() && self.size == self.samples && (sum - 1.0).abs() < 1e-6;
         let norm = if is_complete { 1.0 } else { 1.0 / sum };
-        Prepared { coefficients, unrotated: s.film.iter().map(|v| (v * norm) as f32).collect() }
+        s.film.iter().map(|v| (v * norm) as f32).collect()
     }
 
     /// The kernel of `coefficients` rotated by `azimuth_rad`.

@@ -103,8 +103,8 @@ fn optics(
     let relative_illumination = relative_illumination.collect();
     let side = side(args, film, bands, lens, image_height_mm.len())?;
     let kernel = |(i, mm): (usize, &f64)| {
-        let reader = lens.psf_reader(bands[i / heights]);
-        let read = |set| reader(0, set).map_err(|e| anyhow!("{e}"));
+        let reader = lens.psf_reader(bands[i / heights], 1);
+        let read = |set| reader(0, set..set + 1).map_err(|e| anyhow!("{e}"));
         let (size, kernel) = films[i / heights].kernel([*mm, 0.0], all.psf_sample, read)?;
         Ok::<_, anyhow::Error>(centred(&kernel, size, side))
     };

@@ -171,8 +171,9 @@ impl Source<'_> {
                 number(band.wavelength_nm)
             )));
         }
-        let reader = self.lens.psf_reader(index);
-        let one = |place: &[f64; 2]| psfs.at(*place, |set| reader(0, set)).map_err(|e| anyhow!("{e}"));
+        let reader = self.lens.psf_reader(index, 1);
+        let one =
+            |place: &[f64; 2]| psfs.at(*place, |set| reader(0, set..set + 1)).map_err(|e| anyhow!("{e}"));
         let all = with_threads(threads(None), || places.par_iter().map(one).collect::<Result<Vec<_>>>())
             .with_context(|| format!("PSFs of {} at {} nm", self.args.lens, number(band.wavelength_nm)))?;
         let energy = all.iter().map(|(_, energy)| *energy).collect();

@@ -162,7 +162,7 @@ fn the_bits_of_a_band_do_not_depend_on_threads() {
     };
     let [one, three] = [1, 3].map(|threads| with_threads(threads, || traced(&built, &options)));
     assert_eq!(one, three);
-    assert_eq!(one.pupils.psfs().unwrap(), one.psf, "pupil functions give the PSFs of the stack");
+    assert_eq!(one.pupils.psfs(2).unwrap(), one.psf, "pupil functions give the PSFs of the stack");
     let samples = azimuth_samples(&one);
     assert!(samples[0] == 1 && samples[1] >= 8, "{samples:?}");
 }
