@@ -250,7 +250,7 @@ impl BandPlan {
     /// Bytes of the kernels of all nodes, if its PSFs are [read on demand](BandPlan::reads_on_demand).
     pub fn kept_bytes(&self) -> usize {
         let parts = self.blocks.as_ref().zip(self.grid.as_ref()).filter(|_| self.reads_on_demand());
-        parts.map_or(0, |(blocks, grid)| memory::kept_bytes(blocks, grid))
+        parts.map_or(0, |(blocks, grid)| memory::all_kernels_bytes(blocks, grid))
     }
 
     /// As [`BandPlan::stages`], for a band that [reads on demand](BandPlan::reads_on_demand): `source` has the PSFs of a height.

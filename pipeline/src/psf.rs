@@ -58,7 +58,7 @@ pub struct BandPsf {
     blocks: Blocks,
     engine: Option<Engine>,
     builders: Builders,
-    /// Bytes of the kernels that do not follow from others by symmetry.
+    /// Bytes of its base kernels, if all are to be kept; those of a lens with rotational symmetry are few, and stay for its film at another place.
     kept_bytes: usize,
 }
 
@@ -145,7 +145,8 @@ impl BandPsf {
         (simd, builders): (Simd, Builders),
     ) -> Self {
         let engine = (blocks.fft > 0).then(|| Engine::new(&blocks, simd));
-        let kept_bytes = memory::kept_bytes(&blocks, &grid);
+        let kept_bytes =
+            if grid.is_symmetric() { usize::MAX } else { memory::all_kernels_bytes(&blocks, &grid) };
         Self { band, first_id, grid, kernels, blocks, engine, builders, kept_bytes }
     }
 
@@ -299,57 +300,37 @@ impl BandPsf {
         }
     }
 
-    /// Kernels with that of `base`, and its place among them. Where `cache` can keep those of all heights with several PSFs, or of all rows, those that are read together: PSFs,
-    /// which take more memory, are then read once.
+    /// Kernels with that of `base`, and its place among them. Where `cache` keeps all of the band, those whose PSFs are read together: PSFs, which take more memory, are then read once.
     fn kernels_with(
         &self,
         base: Node,
         cache: &SpectrumCache,
         s: &mut KernelScratch,
     ) -> (Arc<AlignedBuf>, usize) {
-        let area = self.blocks.window * self.blocks.window;
+        let is_read_once =
+            !self.is_in_memory() && !self.grid.is_symmetric_at(base) && cache.keeps(self.kept_bytes);
+        let group = match is_read_once {
+            true => BaseGroup::read_together(&self.grid, base),
+            false => BaseGroup::of(&self.grid, base),
+        };
+        let values = group.count * self.blocks.window * self.blocks.window;
         let id = |node: Node| self.first_id + self.grid.id(node);
-        if let Kernels::OnDemand(kernels) = &self.kernels
-            && !self.grid.is_symmetric_at(base)
-            && self.kept_bytes <= cache.max_kept_bytes()
-        {
-            let nodes = BaseGroup::read_together(&self.grid, base);
-            let bytes = (4 * nodes.count * area, self.kept_bytes);
-            let kernels = cache.kept((self.band, id(nodes.first)), bytes, |mut buffer| {
-                buffer.reset(nodes.count * area);
-                kernels.kernels_together(&self.grid, &nodes, &mut buffer);
+        let kernels =
+            cache.base_kernel((self.band, id(group.first)), (4 * values, self.kept_bytes), |mut buffer| {
+                buffer.reset(values);
+                match &self.kernels {
+                    Kernels::InMemory(kernels) => kernels.base_kernels(&self.grid, &group, s, &mut buffer),
+                    Kernels::OnDemand(kernels) if is_read_once => {
+                        kernels.kernels_together(&self.grid, &group, &mut buffer);
+                    }
+                    Kernels::OnDemand(kernels) => {
+                        let psfs = self.psfs(kernels, group.first, cache, s);
+                        kernels.base_kernels(&self.grid, &group, &psfs, s, &mut buffer);
+                    }
+                }
                 buffer
             });
-            return (kernels, id(base) - id(nodes.first));
-        }
-        let group = BaseGroup::of(&self.grid, base);
-        // Those of a lens with rotational symmetry are few: they stay for its film at another place.
-        let all =
-            if self.is_in_memory() && self.kept_bytes > 0 { 4 * self.grid.len() * area } else { usize::MAX };
-        let kernels =
-            cache.base_kernel((self.band, id(group.first)), (4 * group.count * area, all), |buffer| {
-                self.base_kernels(&group, cache, buffer, s)
-            });
         (kernels, id(base) - id(group.first))
-    }
-
-    /// The base kernels of `group` in `buffer`.
-    fn base_kernels(
-        &self,
-        group: &BaseGroup,
-        cache: &SpectrumCache,
-        mut buffer: AlignedBuf,
-        s: &mut KernelScratch,
-    ) -> AlignedBuf {
-        buffer.reset(group.count * self.blocks.window * self.blocks.window);
-        match &self.kernels {
-            Kernels::InMemory(kernels) => kernels.base_kernels(&self.grid, group, s, &mut buffer),
-            Kernels::OnDemand(kernels) => {
-                let psfs = self.psfs(kernels, group.first, cache, s);
-                kernels.base_kernels(&self.grid, group, &psfs, s, &mut buffer);
-            }
-        }
-        buffer
     }
 
     /// The prepared PSFs of the set of `node`.

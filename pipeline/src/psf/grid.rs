@@ -164,6 +164,11 @@ impl NodeGrid {
         matches!(self, Self::Polar(nodes) if nodes.psf_rows(node.k).len() == 1)
     }
 
+    /// Whether kernels of all nodes follow from others by symmetry.
+    pub fn is_symmetric(&self) -> bool {
+        matches!(self, Self::Polar(_)) && (0..self.psf_sets()).all(|set| self.psf_rows(set).len() == 1)
+    }
+
     /// Fills `r` and `theta` with the coordinates of the pixels of `place` (row stride `stride`) and returns the extent of the block.
     pub fn coordinates(
         &self,

@@ -38,16 +38,9 @@ pub fn interpolation_bytes(grid: &NodeGrid, samples: usize) -> usize {
     if depends_on_azimuth { 4 * BaseGroup::MAX_COUNT * (samples + 8) * (samples + 8) } else { 0 }
 }
 
-/// Base kernels of all nodes of heights with several PSFs, or of a Cartesian grid.
-pub fn kept_bytes(blocks: &Blocks, grid: &NodeGrid) -> usize {
-    let nodes = match grid {
-        NodeGrid::Polar(polar) => {
-            let heights = (0..grid.psf_sets()).filter(|k| grid.psf_rows(*k).len() > 1);
-            heights.map(|k| polar.azimuths()[k]).sum()
-        }
-        NodeGrid::Cartesian(_) => grid.len(),
-    };
-    4 * nodes * blocks.window * blocks.window
+/// Base kernels of all nodes of `grid`, one for each.
+pub fn all_kernels_bytes(blocks: &Blocks, grid: &NodeGrid) -> usize {
+    4 * grid.len() * blocks.window * blocks.window
 }
 
 /// Spectra of the nodes of `grid` that have a weight at a pixel of `rect` or within a block of it, and their base kernels: one for each

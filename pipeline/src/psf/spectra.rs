@@ -20,7 +20,6 @@ pub struct SpectrumCache {
     limit: usize,
     spectra: Cache,
     base_kernels: Cache,
-    kept: Cache,
     psfs: Cache,
 }
 
@@ -28,7 +27,7 @@ pub struct SpectrumCache {
 /// half a film later, when the spectra of its first use are evicted: hence a limit of its own. It takes ten times the time of a spectrum
 /// to build, and less memory: all 700 of a fine grid take 7 MB at 51 px, 62 MB at 151 px.
 const BASE_KERNEL_PART: usize = 2;
-/// Of base kernels that are kept: those of a lens without rotational symmetry, one for each node.
+/// Share of base kernels of a lens without rotational symmetry, one for each node, if that is enough for all of a band.
 const KEPT_SHARE: f64 = 0.75;
 /// Of PSFs that are read on demand: a quarter of the azimuths of a height have base kernels of it.
 const PSF_PART: usize = 4;
@@ -75,13 +74,7 @@ impl State {
 impl SpectrumCache {
     /// A cache of at most `limit` bytes, not counting evicted buffers still in use.
     pub fn new(limit: usize) -> Self {
-        Self {
-            limit,
-            spectra: Cache::default(),
-            base_kernels: Cache::default(),
-            kept: Cache::default(),
-            psfs: Cache::default(),
-        }
+        Self { limit, spectra: Cache::default(), base_kernels: Cache::default(), psfs: Cache::default() }
     }
 
     /// The spectrum of `key`, `bytes` long; if absent, built by `build` from a buffer to reuse.
@@ -91,37 +84,27 @@ impl SpectrumCache {
         bytes: usize,
         build: impl FnOnce(AlignedBuf) -> AlignedBuf,
     ) -> Arc<AlignedBuf> {
-        let others = || self.base_kernels.bytes() + self.kept.bytes() + self.psfs.bytes();
-        let limit = || self.limit.saturating_sub(others());
+        let limit = || self.limit.saturating_sub(self.base_kernels.bytes() + self.psfs.bytes());
         self.spectra.get(key, bytes, limit, build)
     }
 
-    /// The same for base kernels, at most `all` bytes for all of the band: those of other bands are evicted.
+    /// The same for base kernels, `all` bytes for all of the band, or more than any cache keeps. If it [keeps](Self::keeps) them, those of other bands are evicted.
     pub fn base_kernel(
         &self,
         key: SpectrumKey,
         (bytes, all): (usize, usize),
         build: impl FnOnce(AlignedBuf) -> AlignedBuf,
     ) -> Arc<AlignedBuf> {
-        self.base_kernels.get(key, bytes, || all.min(self.limit / BASE_KERNEL_PART), build)
+        let limit = if self.keeps(all) { all } else { self.limit / BASE_KERNEL_PART };
+        self.base_kernels.get(key, bytes, || limit, build)
     }
 
-    /// The same for base kernels that are kept, of nodes whose PSFs are read together; `all` bytes for all of the band: those of other bands are evicted.
-    pub fn kept(
-        &self,
-        key: SpectrumKey,
-        (bytes, all): (usize, usize),
-        build: impl FnOnce(AlignedBuf) -> AlignedBuf,
-    ) -> Arc<AlignedBuf> {
-        self.kept.get(key, bytes, || all, build)
+    /// Whether it keeps all base kernels of a band, of `all` bytes.
+    pub fn keeps(&self, all: usize) -> bool {
+        all as f64 <= KEPT_SHARE * self.limit as f64
     }
 
-    /// Bytes of the base kernels that it can keep.
-    pub fn max_kept_bytes(&self) -> usize {
-        (KEPT_SHARE * self.limit as f64) as usize
-    }
-
-    /// The bytes of a cache that keeps `kernels` bytes of base kernels.
+    /// The bytes of a cache that [keeps](Self::keeps) `kernels` bytes of base kernels.
     pub fn bytes_to_keep(kernels: usize) -> usize {
         (kernels as f64 / KEPT_SHARE).ceil() as usize
     }
@@ -204,13 +187,14 @@ mod tests {
         assert_eq!(cache.built(), 5);
     }
 
+    fn filled(mut b: AlignedBuf) -> AlignedBuf {
+        b.reset(16);
+        b
+    }
+
     #[test]
     fn base_kernels_take_what_they_need_up_to_half_of_the_limit() {
         let cache = SpectrumCache::new(8 * 64);
-        let filled = |mut b: AlignedBuf| {
-            b.reset(16);
-            b
-        };
         for i in 0..8 {
             cache.get((0, i), 64, filled);
         }
@@ -226,22 +210,18 @@ mod tests {
     #[test]
     fn kernels_of_other_bands_are_evicted() {
         let cache = SpectrumCache::new(16 * 64);
-        let filled = |mut b: AlignedBuf| {
-            b.reset(16);
-            b
-        };
-        for i in 0..8 {
-            cache.kept((0, i), (64, 8 * 64), filled);
-            cache.base_kernel((0, i), (64, 8 * 64), filled);
+        assert_eq!([12 * 64, 12 * 64 + 1, usize::MAX].map(|all| cache.keeps(all)), [true, false, false]);
+        for i in 0..12 {
+            cache.base_kernel((0, i), (64, 12 * 64), filled);
         }
-        assert_eq!((cache.kept.bytes(), cache.base_kernels.bytes()), (8 * 64, 8 * 64));
+        cache.base_kernel((0, 0), (64, 12 * 64), |_| unreachable!("all of the band are kept"));
+        assert_eq!(cache.base_kernels.bytes(), 12 * 64);
         for i in 0..2 {
-            cache.kept((1, i), (64, 2 * 64), filled);
             cache.base_kernel((1, i), (64, 3 * 64), filled);
         }
-        cache.kept((1, 0), (64, 2 * 64), |_| unreachable!("all of the band are kept"));
-        cache.base_kernel((0, 7), (64, 3 * 64), |_| unreachable!("used last of the band before"));
-        assert_eq!((cache.kept.bytes(), cache.base_kernels.bytes()), (2 * 64, 3 * 64));
+        cache.base_kernel((1, 0), (64, 3 * 64), |_| unreachable!("all of the band are kept"));
+        cache.base_kernel((0, 0), (64, 3 * 64), |_| unreachable!("used last of the band before"));
+        assert_eq!(cache.base_kernels.bytes(), 3 * 64);
     }
 
     #[test]
