@@ -109,7 +109,7 @@ impl<'a> BandTracers<'a> {
             of_wavelengths.push(light.iter().zip(&ratios).map(|(g, r)| weight * g * r).collect::<Vec<_>>());
         }
         let sum: Vec<f64> = (0..tans.len()).map(|k| of_wavelengths.iter().map(|l| l[k]).sum()).collect();
-        let transmission = super::trace::within_dark(self.own, (sum[0] / bare).min(1.0))?;
+        let transmission = super::dense::within_dark(self.own, (sum[0] / bare).min(1.0))?;
         Ok(BandLight { of_wavelengths, sum, transmission })
     }
 
@@ -154,7 +154,7 @@ impl<'a> BandTracers<'a> {
             for (heights, pupils) in &all {
                 let nyquist = heights.iter().map(|h| pupils.at(*h)).map(PupilFunction::nyquist_um);
                 pitch_um =
-                    pitch_um.min(super::trace::pitch_below(options, nyquist.fold(f64::INFINITY, f64::min)));
+                    pitch_um.min(super::sampled::pitch_below(options, nyquist.fold(f64::INFINITY, f64::min)));
             }
         }
         if options.window_px.is_some() {

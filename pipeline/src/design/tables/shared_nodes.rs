@@ -9,7 +9,8 @@
 use super::grid;
 use super::grid::Chosen;
 use super::options::{Azimuths, PsfHeights, TraceOptions};
-use super::trace::{LensTrace, Sampled};
+use super::sampled::Sampled;
+use super::trace::LensTrace;
 use crate::design::prescription::error::DesignError;
 use crate::design::rays::ray::Tracer;
 

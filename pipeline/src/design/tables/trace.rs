@@ -1,9 +1,8 @@
 //! From a prescription to the tables of a [`Lens`], one band at a time.
 //!
-//! Per band: dense chief-ray heights and RI; one sample pitch, film pitch / m with the minimum m that is 10 % finer than the
-//! Nyquist pitch λN/2 of the fastest, max oblique cone; one window, the minimum odd number of film pixels that contains the share
-//! `energy` of the energy of every sampled field point; then the PSFs, at heights and azimuth counts that `grid`
-//! chooses by the error of kernels in a smaller window (`window`). Heights are REAL image heights in mm. Samples of one band at a time are in memory.
+//! Per band: chief-ray heights and relative illumination at many field points (`dense`); one sample pitch and one window (`sampled`); then the PSFs, at heights
+//! and azimuth counts that `grid` chooses by the error of kernels in a smaller window (`window`). Heights are REAL image heights in mm. Samples of one band at a
+//! time are in memory.
 //! The same bits for any number of threads: each PSF is summed by one thread in a fixed order.
 //! Transmission: light of the axis over that without losses; RI and PSFs have the losses of each ray. Left out: energy outside the window, whose share is recorded.
 
@@ -11,25 +10,25 @@ use rayon::prelude::*;
 
 pub use super::band_mean::BandRange;
 use super::band_mean::{BandSampling, BandTracers};
+use super::dense::transmission;
 pub use super::estimate::Estimate;
 use super::grid::{self, Chosen};
 use super::kernels::Kernels;
+use super::lens_header::header;
+pub use super::lens_header::lens_header;
 pub use super::options::{Azimuths, MAX_NODES, PsfHeights, TraceOptions};
 pub use super::refine::NodeError;
+use super::sampled::{Sampled, Sampling};
 pub use super::shared_nodes::{SharedNodes, node_wavelengths};
 pub use super::window::LEAST_TAIL_WINDOW_PX;
-use super::window::{Windows, core_samples, expected, for_tails, half_samples, window};
-use crate::bounds::{PSF_ENERGY, TRANSMISSION};
+use super::window::half_samples;
+use crate::bounds::PSF_ENERGY;
 use crate::design::prescription::error::DesignError;
 use crate::design::prescription::system::System;
 use crate::design::psf::middle::band_tail;
 use crate::design::psf::pupil_stack::{PupilStack, normalise};
 pub use crate::design::psf::tails::NoTail;
-use crate::design::psf::tails::blur_um;
 use crate::design::psf::{PsfGrid, PsfScratch};
-use crate::design::pupil::bundle::Bundle;
-use crate::design::pupil::edge::Edge;
-use crate::design::pupil::illumination::{irradiance_sr, irradiance_table};
 use crate::design::pupil::pupils::Pupils;
 use crate::design::rays::paraxial::Paraxial;
 use crate::design::rays::ray::Tracer;
@@ -98,48 +97,15 @@ pub struct BandReport {
     pub no_tail: Option<NoTail>,
 }
 
-/// What PSFs of a wavelength are computed with.
-pub(in crate::design) struct Sampled<'t> {
-    pub(super) pupils: Pupils<'t>,
-    last_mm: f64,
-    /// The heights that `pupils` were made with, mm.
-    first: Vec<f64>,
-    /// The edges of the pupils there, for tails.
-    edges: Option<Vec<Edge>>,
-    /// Window and samples of the PSFs, and those for the choice of nodes.
-    pub(in crate::design) window_px: usize,
-    pub(in crate::design) grid: PsfGrid,
-    /// Samples along a side of windows without tails, which the budget of nodes is for: nodes are the same with tails.
-    budget_side: usize,
-    pub(in crate::design) core_px: usize,
-    pub(super) core: PsfGrid,
-}
-
-impl Sampled<'_> {
-    /// Its windows.
-    pub(super) fn windows(&self) -> Windows {
-        Windows { px: self.window_px, core_px: self.core_px }
-    }
-}
-
 /// Trace of a lens.
 #[derive(Clone, Debug)]
 pub struct LensTrace<'a> {
     pub(super) system: &'a System,
     pub(super) options: &'a TraceOptions,
     primary: Paraxial,
-    tails: bool,
-    band: Option<BandRange>,
-    sampling: Sampling,
-}
-
-/// How the PSFs of a depth node are sampled.
-#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
-pub(super) struct Sampling {
-    /// Windows that are known; none if they are determined by the light of PSFs.
-    pub(super) windows: Option<Windows>,
-    /// Whether the samples are those of kernels that are compared ([`core_samples`]): a wide blur has hardly any light at frequencies that they alias.
-    pub(super) is_coarse: bool,
+    pub(super) tails: bool,
+    pub(super) band: Option<BandRange>,
+    pub(super) sampling: Sampling,
 }
 
 impl<'a> LensTrace<'a> {
@@ -187,21 +153,6 @@ impl<'a> LensTrace<'a> {
     #[must_use]
     pub(super) fn sampled_as(self, sampling: Sampling) -> Self {
         Self { sampling, ..self }
-    }
-
-    /// The windows of band `index` as estimated from rays.
-    ///
-    /// # Errors
-    /// A ray that does not reach the image.
-    pub(super) fn expected_windows(&self, index: usize) -> Result<Windows, DesignError> {
-        let tracer = Tracer::new(self.system, self.options.wavelengths_nm[index] / 1e3)?;
-        let last_mm = self.options.max_height_mm;
-        let bundles: Vec<Bundle> = [0.0, 0.5, 1.0]
-            .into_par_iter()
-            .map(|share| Bundle::trace(&tracer, tracer.field_of_height(share * last_mm)?, 12, 16))
-            .collect::<Result<_, DesignError>>()?;
-        let pitch_um = self.pitch(bundles.iter().map(Bundle::nyquist_um))?;
-        Ok(expected(self.options, bundles.iter(), pitch_um))
     }
 
     /// The lens without its bands.
@@ -340,51 +291,6 @@ impl<'a> LensTrace<'a> {
         Ok(TracedBand { tables, psf: stack.0, pupils, report })
     }
 
-    /// Pupil functions, samples and windows of a wavelength.
-    pub(in crate::design) fn sampled<'t>(
-        &self,
-        tracer: &'t Tracer<'t>,
-        report: &mut dyn FnMut(&'static str, usize),
-    ) -> Result<Sampled<'t>, DesignError> {
-        let options = self.options;
-        let last_mm = match &options.heights {
-            PsfHeights::ByError => options.max_height_mm,
-            PsfHeights::Given(h) => h.last().copied().unwrap_or(0.0),
-        };
-        report("window", 0);
-        // Those of the kernels that are examined first.
-        let heights: Vec<f64> = (0..=12).map(|i| last_mm * f64::from(i) / 12.0).collect();
-        let pupils = Pupils::new(tracer, &heights)?;
-        let pitch_um = self.pitch(heights.iter().map(|h| pupils.at(*h).nyquist_um()))?;
-        let is_determined = options.window_px.is_none() && self.sampling.windows.is_none();
-        let given = options.window_px.map(|px| Windows { px, core_px: px }).or(self.sampling.windows);
-        let Windows { px: plain_px, core_px } = match given {
-            Some(windows) => windows,
-            None => window(options, tracer, (&heights, &pupils), pitch_um)?,
-        };
-        let edges: Option<Vec<Edge>> = (self.tails && self.band.is_none())
-            .then(|| heights.iter().map(|h| pupils.at(*h).edge(tracer.surfaces())).collect());
-        let window_px = match &edges {
-            Some(edges) if options.window_px.is_none() => {
-                for_tails(options, plain_px, blur_um(edges), pitch_um)
-            }
-            _ => plain_px,
-        };
-        report("window", if is_determined { heights.len() } else { 0 });
-        let (half, psf_pitch_um) = match self.sampling.is_coarse {
-            false => (half_samples(window_px, options.film_pitch_um, pitch_um), pitch_um),
-            true => core_samples(window_px, options.film_pitch_um, pitch_um),
-        };
-        let grid = PsfGrid::new(half, psf_pitch_um);
-        let (core_half, core_pitch_um) = core_samples(core_px, options.film_pitch_um, pitch_um);
-        let core = PsfGrid::new(core_half, core_pitch_um);
-        let budget_side = match self.sampling.is_coarse {
-            false => 2 * half_samples(plain_px, options.film_pitch_um, pitch_um) + 1,
-            true => grid.size(),
-        };
-        Ok(Sampled { pupils, last_mm, first: heights, edges, window_px, grid, budget_side, core_px, core })
-    }
-
     /// Chooses nodes at the wavelength of `sampled`.
     pub(super) fn choose(
         &self,
@@ -406,79 +312,6 @@ impl<'a> LensTrace<'a> {
         let Sampled { pupils, core_px, core, .. } = sampled;
         let mut kernels = Kernels::new(core, *core_px, self.options.film_pitch_um);
         grid::adopt(&mut kernels, pupils, self.options.psf_tolerance, other, report)
-    }
-
-    /// Ideal heights, real heights and G of [`crate::design::illumination`], evenly spaced in ideal height.
-    pub(super) fn dense(&self, tracer: &Tracer<'_>) -> Result<[Vec<f64>; 3], DesignError> {
-        let tans = self.tans(tracer)?;
-        let real: Result<Vec<f64>, DesignError> =
-            tans.par_iter().map(|t| tracer.chief_height_mm(*t)).collect();
-        let mut real = real?;
-        real[0] = 0.0;
-        if let Some(i) = real.windows(2).position(|w| w[1] <= w[0]) {
-            return Err(DesignError::Height {
-                requested_mm: self.options.max_height_mm,
-                reached_mm: real[i],
-                wavelength_um: tracer.wavelength_um,
-                problem: "the real image height folds back".to_owned(),
-            });
-        }
-        let light = irradiance_table(tracer, &tans)?;
-        Ok([tans.iter().map(|t| t * tracer.ideal_scale_mm()).collect(), real, light])
-    }
-
-    /// The tangents of the field angles of the dense tables.
-    fn tans(&self, tracer: &Tracer<'_>) -> Result<Vec<f64>, DesignError> {
-        let last = tracer.field_of_height(self.options.max_height_mm)?;
-        let points = self.options.field_points;
-        Ok((0..points).map(|i| last * i as f64 / (points - 1) as f64).collect())
-    }
-
-    fn pitch(&self, nyquist_um: impl Iterator<Item = f64>) -> Result<f64, DesignError> {
-        let nyquist = nyquist_um.fold(f64::INFINITY, f64::min);
-        match self.options.psf_pitch_um {
-            Some(pitch) if pitch > nyquist => Err(DesignError::Option {
-                option: "psf pitch",
-                value: format!("{pitch} µm"),
-                expected: "one finer than Nyquist, λN/2 of the widest cone",
-            }),
-            Some(pitch) => Ok(pitch),
-            None => Ok(pitch_below(self.options, nyquist)),
-        }
-    }
-}
-
-/// The largest part of the film pitch, µm, that is 10 % finer than `nyquist_um`.
-pub(in crate::design) fn pitch_below(options: &TraceOptions, nyquist_um: f64) -> f64 {
-    options.film_pitch_um / (options.film_pitch_um / (0.9 * nyquist_um)).ceil()
-}
-
-/// The lens of `system` without bands.
-///
-/// # Errors
-/// No first-order properties.
-pub fn lens_header(system: &System) -> Result<Lens, DesignError> {
-    Ok(header(system, &Paraxial::new(system, system.primary_um())?))
-}
-
-fn header(system: &System, primary: &Paraxial) -> Lens {
-    Lens {
-        name: system.name.clone(),
-        distortion_focal_length_mm: primary.distortion_focal_length_mm.abs(),
-        // An afocal relay has none.
-        effective_focal_length_mm: Some(primary.effective_focal_length_mm.abs())
-            .filter(|f| f.is_finite())
-            .unwrap_or(primary.distortion_focal_length_mm.abs()),
-        f_number: match system.is_telecentric {
-            true => primary.working_f_number(),
-            false => primary.image_f_number(),
-        },
-        primary_wavelength_nm: system.primary_um() * 1e3,
-        object_distance_mm: system.object_distance_mm,
-        magnification: primary.film_magnification(system.object_distance_mm),
-        psf_sample: PsfSample::Point,
-        bands: Vec::new(),
-        depth: None,
     }
 }
 
@@ -511,25 +344,6 @@ pub fn trace_lens<E: std::fmt::Display>(
     sink: impl FnMut(usize, TracedBand) -> Result<(), E>,
 ) -> Result<Lens, DesignError> {
     LensTrace::new(system, options)?.all(on_progress, sink)
-}
-
-/// Transmission on the axis, whose light G with its losses is `light`: flux-weighted mean over the pupil; 1 without coatings.
-///
-/// # Errors
-/// A ray of the pupil that does not reach the image; [`DesignError::Dark`].
-pub(super) fn transmission(tracer: &Tracer<'_>, light: f64) -> Result<f64, DesignError> {
-    if !tracer.has_losses() {
-        return Ok(1.0);
-    }
-    within_dark(tracer, light / irradiance_sr(&tracer.without_losses(), 0.0)?)
-}
-
-/// `transmission`, unless the lens is dark.
-pub(super) fn within_dark(tracer: &Tracer<'_>, transmission: f64) -> Result<f64, DesignError> {
-    match transmission >= TRANSMISSION.min {
-        true => Ok(transmission),
-        false => Err(DesignError::Dark { wavelength_um: tracer.wavelength_um }),
-    }
 }
 
 /// The PSFs at `heights`, each of sum 1, and their shares of energy in the window.

@@ -18,10 +18,10 @@ use crate::design::prescription::error::DesignError;
 use crate::design::prescription::system::{RayAiming, System};
 use crate::design::rays::paraxial::Paraxial;
 use crate::design::rays::ray::Tracer;
+use crate::design::tables::dense::transmission;
 use crate::design::tables::grid::Chosen;
-use crate::design::tables::trace::{
-    BandReport, LensTrace, OnProgress, Sampling, TraceOptions, TracedBand, transmission,
-};
+use crate::design::tables::sampled::Sampling;
+use crate::design::tables::trace::{BandReport, LensTrace, OnProgress, TraceOptions, TracedBand};
 use crate::design::tables::window::Windows;
 use crate::lens::depth::{BandDepth, DepthNode, LensDepth};
 use crate::lens::{Lens, LensBand, PsfStack, linear};

@@ -1,0 +1,130 @@
+//! What the PSFs of a wavelength are computed with: pupil functions of thirteen heights, sample pitch and windows.
+//!
+//! Sample pitch: film pitch / m with the minimum m that is 10 % finer than the Nyquist pitch λN/2 of the fastest, max oblique cone of the heights.
+//! Window: the minimum odd number of film pixels that contains the share `energy` of the energy of every sampled field point (`window`), with tails
+//! the larger one that rays at the edge of the pupil need.
+
+use rayon::prelude::*;
+
+use super::trace::{LensTrace, PsfHeights, TraceOptions};
+use super::window::{Windows, core_samples, expected, for_tails, half_samples, window};
+use crate::design::prescription::error::DesignError;
+use crate::design::psf::PsfGrid;
+use crate::design::psf::tails::blur_um;
+use crate::design::pupil::bundle::Bundle;
+use crate::design::pupil::edge::Edge;
+use crate::design::pupil::pupils::Pupils;
+use crate::design::rays::ray::Tracer;
+
+/// What PSFs of a wavelength are computed with.
+pub(in crate::design) struct Sampled<'t> {
+    pub(super) pupils: Pupils<'t>,
+    pub(super) last_mm: f64,
+    /// The heights that `pupils` were made with, mm.
+    pub(super) first: Vec<f64>,
+    /// The edges of the pupils there, for tails.
+    pub(super) edges: Option<Vec<Edge>>,
+    /// Window and samples of the PSFs, and those for the choice of nodes.
+    pub(in crate::design) window_px: usize,
+    pub(in crate::design) grid: PsfGrid,
+    /// Samples along a side of windows without tails, which the budget of nodes is for: nodes are the same with tails.
+    pub(super) budget_side: usize,
+    pub(in crate::design) core_px: usize,
+    pub(super) core: PsfGrid,
+}
+
+impl Sampled<'_> {
+    /// Its windows.
+    pub(super) fn windows(&self) -> Windows {
+        Windows { px: self.window_px, core_px: self.core_px }
+    }
+}
+
+/// How the PSFs of a depth node are sampled.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+pub(super) struct Sampling {
+    /// Windows that are known; none if they are determined by the light of PSFs.
+    pub(super) windows: Option<Windows>,
+    /// Whether the samples are those of kernels that are compared ([`core_samples`]): a wide blur has hardly any light at frequencies that they alias.
+    pub(super) is_coarse: bool,
+}
+
+impl LensTrace<'_> {
+    /// The windows of band `index` as estimated from rays.
+    ///
+    /// # Errors
+    /// A ray that does not reach the image.
+    pub(super) fn expected_windows(&self, index: usize) -> Result<Windows, DesignError> {
+        let tracer = Tracer::new(self.system, self.options.wavelengths_nm[index] / 1e3)?;
+        let last_mm = self.options.max_height_mm;
+        let bundles: Vec<Bundle> = [0.0, 0.5, 1.0]
+            .into_par_iter()
+            .map(|share| Bundle::trace(&tracer, tracer.field_of_height(share * last_mm)?, 12, 16))
+            .collect::<Result<_, DesignError>>()?;
+        let pitch_um = self.pitch(bundles.iter().map(Bundle::nyquist_um))?;
+        Ok(expected(self.options, bundles.iter(), pitch_um))
+    }
+
+    /// Pupil functions, samples and windows of a wavelength.
+    pub(in crate::design) fn sampled<'t>(
+        &self,
+        tracer: &'t Tracer<'t>,
+        report: &mut dyn FnMut(&'static str, usize),
+    ) -> Result<Sampled<'t>, DesignError> {
+        let options = self.options;
+        let last_mm = match &options.heights {
+            PsfHeights::ByError => options.max_height_mm,
+            PsfHeights::Given(h) => h.last().copied().unwrap_or(0.0),
+        };
+        report("window", 0);
+        // Those of the kernels that are examined first.
+        let heights: Vec<f64> = (0..=12).map(|i| last_mm * f64::from(i) / 12.0).collect();
+        let pupils = Pupils::new(tracer, &heights)?;
+        let pitch_um = self.pitch(heights.iter().map(|h| pupils.at(*h).nyquist_um()))?;
+        let is_determined = options.window_px.is_none() && self.sampling.windows.is_none();
+        let given = options.window_px.map(|px| Windows { px, core_px: px }).or(self.sampling.windows);
+        let Windows { px: plain_px, core_px } = match given {
+            Some(windows) => windows,
+            None => window(options, tracer, (&heights, &pupils), pitch_um)?,
+        };
+        let edges: Option<Vec<Edge>> = (self.tails && self.band.is_none())
+            .then(|| heights.iter().map(|h| pupils.at(*h).edge(tracer.surfaces())).collect());
+        let window_px = match &edges {
+            Some(edges) if options.window_px.is_none() => {
+                for_tails(options, plain_px, blur_um(edges), pitch_um)
+            }
+            _ => plain_px,
+        };
+        report("window", if is_determined { heights.len() } else { 0 });
+        let (half, psf_pitch_um) = match self.sampling.is_coarse {
+            false => (half_samples(window_px, options.film_pitch_um, pitch_um), pitch_um),
+            true => core_samples(window_px, options.film_pitch_um, pitch_um),
+        };
+        let grid = PsfGrid::new(half, psf_pitch_um);
+        let (core_half, core_pitch_um) = core_samples(core_px, options.film_pitch_um, pitch_um);
+        let core = PsfGrid::new(core_half, core_pitch_um);
+        let budget_side = match self.sampling.is_coarse {
+            false => 2 * half_samples(plain_px, options.film_pitch_um, pitch_um) + 1,
+            true => grid.size(),
+        };
+        Ok(Sampled { pupils, last_mm, first: heights, edges, window_px, grid, budget_side, core_px, core })
+    }
+
+    fn pitch(&self, nyquist_um: impl Iterator<Item = f64>) -> Result<f64, DesignError> {
+        let nyquist = nyquist_um.fold(f64::INFINITY, f64::min);
+        match self.options.psf_pitch_um {
+            Some(pitch) if pitch > nyquist => Err(DesignError::Option {
+                option: "psf pitch",
+                value: format!("{pitch} µm"),
+                expected: "one finer than Nyquist, λN/2 of the widest cone",
+            }),
+            Some(pitch) => Ok(pitch),
+            None => Ok(pitch_below(self.options, nyquist)),
+        }
+    }
+}
+
+/// The largest part of the film pitch, µm, that is 10 % finer than `nyquist_um`.
+pub(in crate::design) fn pitch_below(options: &TraceOptions, nyquist_um: f64) -> f64 {
+    options.film_pitch_um / (options.film_pitch_um / (0.9 * nyquist_um)).ceil()
+}
