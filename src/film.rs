@@ -6,11 +6,11 @@ pub mod record;
 pub mod reported;
 
 use crate::args::RunArgs;
-use crate::failure::{other_job, usage};
+use crate::failure::other_job;
 use crate::job::{Contents, DIGEST, GHOSTS, Job, MTIMES, UntracedJob, argument, contents};
 use crate::progress::log_line;
 use anyhow::{Result, bail};
-use formats::durable::{Lock, Store, fault_point, is_url, link_target, parent_of, sweep_entries};
+use formats::durable::{Lock, Store, fault_point, link_target, parent_of, sweep_entries};
 use formats::film::{FilmSpec, FilmStore};
 use formats::group::{GroupError, JobGroup};
 use formats::object;
@@ -107,7 +107,6 @@ pub fn open_store(args: &RunArgs, hint: &str) -> Result<FilmStore> {
 /// # Errors
 /// As [`open`] of an existing film.
 pub fn check_before_tracing(job: &UntracedJob<'_>, args: &RunArgs) -> Result<()> {
-    check_parent(&args.film)?;
     if !job.is_design() || args.process.overwrite || !Store::at(&link_target(&args.film))?.exists()? {
         return Ok(());
     }
@@ -123,23 +122,6 @@ pub fn check_before_tracing(job: &UntracedJob<'_>, args: &RunArgs) -> Result<()>
     match check_same_job(&store, &identity, &job.film, args).and_then(|()| same_lens()) {
         Err(_) if has_only_failed_runs(&store)? => Ok(()),
         same => same,
-    }
-}
-
-/// Fails (exit code 2) if what the film would lie in is a file.
-fn check_parent(film: &Path) -> Result<()> {
-    if is_url(film) {
-        return Ok(());
-    }
-    let target = link_target(film);
-    let existing = target.ancestors().skip(1).find(|path| path.symlink_metadata().is_ok());
-    match existing.filter(|path| !path.is_dir()) {
-        None => Ok(()),
-        Some(file) => Err(usage(format!(
-            "{}: {} is not a directory; choose another path for the film",
-            film.display(),
-            file.display()
-        ))),
     }
 }
 

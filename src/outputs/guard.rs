@@ -1,12 +1,12 @@
 //! The one check of a command's paths: no output is an input or another output, lies in one, or contains one; none is a device, FIFO or socket, and no
-//! input but a text, which is read from its beginning to its end.
+//! input but a text, which is read from its beginning to its end. What does not exist yet can be created where it is to lie.
 
 use super::place::{Place, Relation};
-use crate::failure::usage;
+use crate::failure::{other_job, usage};
 use crate::open::is_builtin;
-use anyhow::Result;
+use anyhow::{Context, Result};
 use formats::chart::files_of;
-use formats::durable::is_url;
+use formats::durable::{check_writable, is_url, link_target};
 use std::os::unix::fs::FileTypeExt;
 use std::path::{Path, PathBuf};
 
@@ -35,6 +35,8 @@ struct Output {
     /// Flag or name of the position.
     argument: &'static str,
     path: PathBuf,
+    /// Whether the command names it, in a directory that is given.
+    is_named_by_command: bool,
 }
 
 impl Guard {
@@ -74,18 +76,20 @@ impl Guard {
 
     /// Adds an output: `argument` is its flag or the name of its position.
     pub fn writes(mut self, argument: &'static str, path: impl Into<PathBuf>) -> Self {
-        self.outputs.push(Output { argument, path: path.into() });
+        self.outputs.push(Output { argument, path: path.into(), is_named_by_command: false });
         self
     }
 
     /// Adds the files `names` in a directory; other files there may be inputs.
     pub fn writes_in(
-        self,
+        mut self,
         argument: &'static str,
         directory: &Path,
         names: impl IntoIterator<Item = impl AsRef<Path>>,
     ) -> Self {
-        names.into_iter().fold(self, |guard, name| guard.writes(argument, directory.join(name)))
+        let named = |name| Output { argument, path: directory.join(name), is_named_by_command: true };
+        self.outputs.extend(names.into_iter().map(named));
+        self
     }
 
     /// Adds an output that is optional.
@@ -94,7 +98,8 @@ impl Guard {
     }
 
     /// Fails (exit code 2) if an output is, lies in or contains an input or another output, or is what a file would replace but not be: a device, a FIFO, a
-    /// socket; or if an input is one of these.
+    /// socket; or if an input is one of these. Fails if an output cannot be created: exit code 1 in a directory that cannot be written; under a file 2, or 3 if the
+    /// command needs a directory where that file is.
     pub fn check(&self) -> Result<()> {
         self.outputs.iter().try_for_each(check_output)?;
         self.inputs.iter().filter(|input| !input.is_text).try_for_each(check_input)?;
@@ -120,7 +125,7 @@ impl Guard {
                 }
             }
         }
-        Ok(())
+        self.outputs.iter().try_for_each(check_can_be_created)
     }
 
     /// Paths of the inputs.
@@ -149,12 +154,32 @@ fn special(path: &Path) -> Option<&'static str> {
 
 /// Fails for an existing device, FIFO or socket: a finished file is renamed to its path.
 fn check_output(output: &Output) -> Result<()> {
-    let Output { argument, path } = output;
+    let Output { argument, path, .. } = output;
     let Some(kind) = special(path) else { return Ok(()) };
     let shown = path.display();
     Err(usage(format!(
         "{argument} {shown} is {kind}, which would be replaced by a file; choose another path for {argument}"
     )))
+}
+
+/// Fails if nothing exists at the output's path, and nothing can be created there: what exists above it is a file, or a directory that cannot be
+/// written. A file that exists is replaced, or what it is part of is opened, later.
+fn check_can_be_created(output: &Output) -> Result<()> {
+    let Output { argument, path, is_named_by_command } = output;
+    let target = link_target(path);
+    if is_url(path) || target.symlink_metadata().is_ok() {
+        return Ok(());
+    }
+    let above = target.ancestors().skip(1).find(|above| above.symlink_metadata().is_ok());
+    let (above, shown) = (above.unwrap_or(Path::new(".")), path.display());
+    if !above.is_dir() {
+        let above = above.display();
+        let message =
+            format!("{argument} {shown}: {above} is not a directory; choose another path for {argument}");
+        return Err(if *is_named_by_command { other_job(message) } else { usage(message) });
+    }
+    check_writable(above)
+        .with_context(|| format!("{argument} {shown} cannot be created; choose another path for {argument}"))
 }
 
 /// Fails for a device, FIFO or socket, whose parts cannot be read in any order, and which may block for ever.
@@ -174,7 +199,7 @@ fn conflict(output: &Output, place: &Place, relation: Relation, other: &str, rol
         Relation::Around => "contains",
         Relation::Linked => "is a hard link to a file of",
     };
-    let Output { argument, path } = output;
+    let Output { argument, path, .. } = output;
     let leads = match std::path::absolute(path) {
         Ok(absolute) if absolute != place.path && !is_url(path) => {
             format!(" (a link to {})", place.path.display())

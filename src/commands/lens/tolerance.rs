@@ -69,6 +69,9 @@ pub fn command(args: &ToleranceArgs) -> Result<()> {
     let corner_mm = corner_mm(args, &system)?;
     let request = Request { args, read: &read, system: &system, tolerances: &tolerances, corner_mm };
     check_absent_in(out, all_files(), args.overwrite)?;
+    if !args.keep.is_empty() {
+        keep::check_absent(out)?;
+    }
     let context = || format!("lenses of {}", args.design);
     let found = with_threads(threads(args.threads), || compute(&request)).with_context(context)?;
     write(out, &request, &found)?;

@@ -145,6 +145,15 @@ fn tolerances_that_cannot_be_fail_with_one_line() {
     for flags in [&["--keep", "p101"][..], &["--samples", "0"], &["--pass", "good"], &["--film-size", "99"]] {
         assert_eq!(tolerance(dir.path(), "a", flags).code, USAGE, "{flags:?}");
     }
+    // Where nothing can be created: before a lens is drawn.
+    fs::write(dir.path().join("tol.toml"), TOLERANCES).unwrap();
+    fs::write(dir.path().join("file"), "").unwrap();
+    let ran = tolerance(dir.path(), "file", &["--samples", "1"]);
+    assert_error_line(&ran, OTHER_JOB, &["file/lenses.csv", "file is not a directory", "--out"]);
+    fs::create_dir_all(dir.path().join("a/packs/3.lens.zarr")).unwrap();
+    let ran = tolerance(dir.path(), "a", &["--samples", "1", "--keep", "0", "--overwrite"]);
+    assert_error_line(&ran, OTHER_JOB, &["a/packs has lens packs", "--keep", "--out"]);
+    assert!(!dir.path().join("a/lenses.csv").exists());
     // An output in place of the description.
     fs::rename(dir.path().join("tol.toml"), dir.path().join("lenses.csv")).unwrap();
     let input = dir.path().join("lenses.csv");

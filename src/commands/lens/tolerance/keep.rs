@@ -4,7 +4,7 @@ use super::found::Found;
 use super::request::Request;
 use crate::args::{BuiltArgs, LensSamples, TraceArgs};
 use crate::commands::lens::trace;
-use crate::failure::usage;
+use crate::failure::{other_job, usage};
 use crate::progress::{as_step, log_line};
 use anyhow::{Context, Result};
 use clap::{Args, FromArgMatches};
@@ -15,6 +15,18 @@ use std::path::{Path, PathBuf};
 pub const DIRECTORY: &str = "packs";
 /// Largest image height of a pack over the height of the film's corner: margin for PSFs.
 const MARGIN: f64 = 1.03;
+
+/// Fails (exit code 3) if packs exist in `out`, which packs of other lenses would lie beside: they are never replaced. Called before a lens is drawn.
+pub fn check_absent(out: &Path) -> Result<()> {
+    let directory = out.join(DIRECTORY);
+    match std::fs::read_dir(&directory).is_ok_and(|mut entries| entries.next().is_some()) {
+        false => Ok(()),
+        true => Err(other_job(format!(
+            "{} has lens packs, which --keep does not replace; remove it, or give another --out",
+            directory.display()
+        ))),
+    }
+}
 
 /// Writes the packs of the lenses that `--keep` names.
 ///
