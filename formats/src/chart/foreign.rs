@@ -17,8 +17,9 @@ struct Format {
     conversion: &'static str,
 }
 
-const MATLAB_5: Format = Format {
-    name: "MATLAB before v7.3",
+/// With neither of the signatures of level 5 and of v7.3, which are read.
+const OTHER_MATLAB: Format = Format {
+    name: "without the signature of MATLAB 5 or later: level 4, or is the copy complete?",
     extensions: &["mat"],
     conversion: "with Python: `import numpy, scipy.io` and `numpy.save(\"{stem}.npy\", scipy.io.loadmat(\"{in}\")[\"NAME\"])`, then run \
                  {stem}.npy with `--axes y,x,wavelength` and `--wavelengths`",
@@ -55,7 +56,6 @@ const ZIP: Format = Format { name: "a zip archive", extensions: &["zip"], conver
 fn format_of(extension: &str, first: &[u8]) -> Option<&'static Format> {
     let at = |offset: usize, magic: &[u8]| first.get(offset..).is_some_and(|f| f.starts_with(magic));
     match () {
-        () if at(0, b"MATLAB 5.0 MAT-file") => return Some(&MATLAB_5),
         () if at(0, b"MATLAB 7.3 MAT-file") => return Some(&WITHOUT_SIGNATURE),
         () if at(0, b"CDF\x01") || at(0, b"CDF\x02") || at(0, b"CDF\x05") => return Some(&NETCDF_3),
         () if at(0, b"\x89PNG") || at(0, b"\xff\xd8\xff") || (at(0, b"RIFF") && at(8, b"WEBP")) => {
@@ -64,7 +64,7 @@ fn format_of(extension: &str, first: &[u8]) -> Option<&'static Format> {
         () if at(0, b"PK\x03\x04") && extension != "npz" => return Some(&ZIP),
         () => {}
     }
-    let all = [&MATLAB_5, &WITHOUT_SIGNATURE, &NETCDF_3, &NPZ, &COLOUR, &OTHER_PICTURE, &ZIP];
+    let all = [&OTHER_MATLAB, &WITHOUT_SIGNATURE, &NETCDF_3, &NPZ, &COLOUR, &OTHER_PICTURE, &ZIP];
     all.into_iter().find(|f| f.extensions.contains(&extension))
 }
 
@@ -117,14 +117,9 @@ mod tests {
     #[test]
     fn format_is_found_by_first_bytes_or_extension() {
         let dir = tempfile::tempdir().unwrap();
-        let cases: [(&str, &[u8], &[&str]); 10] = [
-            (
-                "a.mat",
-                b"MATLAB 5.0 MAT-file, Platform: GLNXA64",
-                &["MATLAB before v7.3", "scipy.io.loadmat(", "a.npy"],
-            ),
+        let cases: [(&str, &[u8], &[&str]); 9] = [
             ("a.mat", b"MATLAB 7.3 MAT-file, Platform: GLNXA64", &[".mat", "signature", "complete"]),
-            ("a.mat", b"", &[".mat", "scipy"]),
+            ("a.mat", b"", &[".mat (without", "level 4", "scipy.io.loadmat(", "a.npy"]),
             ("cube.h5", b"", &[".h5", "signature"]),
             ("a.nc", b"CDF\x02rest", &["NetCDF-3", "to_zarr(\"a.zarr\")"]),
             ("a.npz", b"PK\x03\x04", &["NumPy archive", "numpy.load"]),

@@ -61,9 +61,10 @@ pub fn parse(bytes: &[u8]) -> Result<Npy, String> {
     };
     if count * item != data.len() as u64 {
         return Err(format!(
-            "holds {} bytes of samples, expected {} for shape {shape:?}; is the file cut short?",
+            "holds {} bytes of samples, expected {} for shape {shape:?}{}",
             data.len(),
-            count * item
+            count * item,
+            if count * item > data.len() as u64 { "; is the file cut short?" } else { "" }
         ));
     }
     let values = match single {

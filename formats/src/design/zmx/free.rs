@@ -20,6 +20,8 @@ use pipeline::design::shape::Shape;
 
 /// Parameter number of the first of the extra data, in files that have them as parameters.
 const FIRST_EXTRA: usize = 13;
+/// Maximum number of terms that extra data declare; those behind the last that is not 0 are not counted further.
+const MAX_DECLARED: f64 = 1e3;
 
 /// Surface types.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -140,7 +142,13 @@ impl Free {
             data[index] = *value;
         }
         let &[count, radius, ref terms @ ..] = &data[..] else { return Ok((Vec::new(), 1.0)) };
-        let terms = &terms[..terms.len().min(count.clamp(0.0, 1e3) as usize)];
+        if !(0.0..=MAX_DECLARED).contains(&count) || count.fract() != 0.0 {
+            return Err(format!(
+                "has {} of {count} terms, expected a whole number from 0 to {MAX_DECLARED}",
+                self.what(None)
+            ));
+        }
+        let terms = &terms[..terms.len().min(count as usize)];
         let used = terms.iter().rposition(|a| *a != 0.0).map_or(0, |i| i + 1);
         let maximum = match self {
             Self::ExtendedPolynomial => MAX_XY,

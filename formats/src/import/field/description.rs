@@ -133,7 +133,8 @@ impl Description {
 
 fn wavelengths(root: &Entry<'_>) -> Result<Vec<f64>, TableError> {
     let field = root.required("wavelengths_nm", "a list of the bands' wavelengths, ascending")?;
-    let expected = format!("a list of 1 to {MAX_COUNT} wavelengths in nm, ascending");
+    let bounds::Bound { min, max, .. } = bounds::WAVELENGTH_NM;
+    let expected = format!("a list of 1 to {MAX_COUNT} wavelengths from {min} to {max} nm, ascending");
     let list = field.numbers()?.filter(|nm| (1..=MAX_COUNT).contains(&nm.len()));
     let list = list.ok_or_else(|| field.error(&expected))?;
     let ascends = list.windows(2).all(|w| w[0] < w[1]);

@@ -121,12 +121,7 @@ impl Windows {
         let mut samples: Vec<f32> = window.iter().map(|v| *v as f32).collect();
         let sum: f64 = samples.iter().map(|v| f64::from(*v)).sum();
         samples.iter_mut().for_each(|v| *v = (f64::from(*v) / sum) as f32);
-        match samples.iter().all(|v| v.is_finite()) {
-            true => Ok(samples),
-            false => {
-                Err("has a sum near 0 beside its samples, expected light; subtract less background".into())
-            }
-        }
+        Ok(samples)
     }
 
     fn centred(&self, window: &[f64], n: usize) -> Result<Vec<f64>, String> {
@@ -149,10 +144,20 @@ impl Windows {
     }
 }
 
+/// Sum of a window over that of its absolute samples, at least: what is less is noise about 0, and division by the sum would enlarge it.
+const MIN_SUM: f64 = 0.1;
+
+/// Divides a window by its sum.
 fn normalise(window: &mut [f64]) -> Result<(), String> {
     let sum: f64 = window.iter().sum();
     if !(sum > 0.0 && sum.is_finite()) {
         return Err(format!("has the sum {sum}, expected a positive number; subtract less background"));
+    }
+    let share = sum / window.iter().map(|v| v.abs()).sum::<f64>();
+    if share < MIN_SUM {
+        return Err(format!(
+            "has a sum of {share:.1e} of that of its absolute samples, expected at least {MIN_SUM}; subtract less background, or cut the window"
+        ));
     }
     window.iter_mut().for_each(|v| *v /= sum);
     Ok(())

@@ -286,6 +286,8 @@ fn what_is_not_supported_is_an_error_of_one_line() {
         ("  TYPE SZERNSAG\n  PARM 9 0.1\n  XDAT 1 4\n  XDAT 2 1\n  XDAT 6 1\n", "decentred point"),
         ("  TYPE FZERNSAG\n  XDAT 1 38\n  XDAT 2 1\n  XDAT 40 1\n", "a term 38, the maximum is 37"),
         ("  TYPE XPOLYNOM\n  XDAT 1 3\n  XDAT 2 0\n  XDAT 3 1\n", "norm radius 0"),
+        ("  TYPE XPOLYNOM\n  XDAT 1 -2\n  XDAT 2 1\n  XDAT 3 1\n", "of -2 terms, expected a whole number"),
+        ("  TYPE SZERNSAG\n  XDAT 1 6.7\n  XDAT 2 1\n  XDAT 3 1\n", "of 6.7 terms, expected a whole number"),
         ("  TYPE POLYNOMI\n  CURV 1\n  PARM 1 1\n", "POLYNOMI"),
         ("  TYPE BICONICX\n  PARM 3 1\n", "a parameter that this surface type does not have"),
         ("  TYPE COORDBRK\n  SCBD 1 0 0 0 0 5 0 0\n", "SCBD"),

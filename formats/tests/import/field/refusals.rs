@@ -118,6 +118,22 @@ fn errors_of_arrays_name_file_place_and_value() {
         with("psf-1.npy", &shape, &values, ""),
         &["psf-1.npy", place, "expected a positive number; subtract less background"],
     );
+    // Noise about 0.
+    let mut values = windows(1);
+    values[3 * N * N..4 * N * N]
+        .iter_mut()
+        .enumerate()
+        .for_each(|(i, v)| *v = if i % 2 == 0 { 1.0 } else { -0.9 });
+    assert_words(
+        with("psf-1.npy", &shape, &values, ""),
+        &["psf-1.npy", place, "of that of its absolute samples, expected at least 0.1"],
+    );
+    let mut more = npy(&shape, &windows(0));
+    more.extend([0; 8]);
+    let dir = folder(&format!("{HEAD}{PSF}"));
+    fs::write(dir.path().join("psf-0.npy"), more).unwrap();
+    let found = error(dir.path());
+    assert!(found.contains("bytes of samples, expected") && !found.contains("cut short"), "{found}");
     assert_words(
         with("psf-0.npy", &[2, 3, 20, 20], &[1.0; 2400], ""),
         &["windows of 20 × 20 samples, expected an odd number"],
