@@ -127,12 +127,42 @@ class Rays:
         first = self.surfaces[0].geometry.cs
         # Rays start in a plane before the first surface.
         self.z = float(np.ravel(first.z)[0]) - 50.0
+        self.um, self.index = UM, [1.0] * len(self.surfaces)
+        # The real ray from the edge of the entrance pupil, along y, of the field of the axis of the stop.
+        cs = self.surfaces[self.stop].geometry.cs
+        x, y = (float(np.ravel(v)[0]) for v in (cs.x, cs.y))
+        self.stop_radius = abs(self.run(x, y + lens.aperture.value / 2, (0.0, 0.0), self.stop)[1, 0])
+
+    def launch(self, t, x, y):
+        """Rays of the field of slopes t at (x, y) of the plane where they start."""
+        n = 1 / np.sqrt(1 + t[0] ** 2 + t[1] ** 2)
+        return np.array([x, y, np.full(np.shape(x), self.z)]), np.tile(np.array([[t[0] * n], [t[1] * n], [n]]), (1, np.size(x)))
+
+    def aim(self, t, p, q, h=1e-4):
+        """Where rays start that cross the stop at (p, q) times its radius, by Newton's method, and the area there per dp dq."""
+        want = self.stop_radius * np.array([np.broadcast_to(v, np.shape(p)) for v in (p, q)], float)
+        at = self.stop_centre(t)[:, None] + want
+        for _ in range(40):
+            x, y = at
+            many = self.run(np.concatenate([x, x + h, x - h, x, x]), np.concatenate([y, y, y, y + h, y - h]), t, self.stop).reshape(2, 5, -1)
+            e, by_x, by_y = want - many[:, 0], (many[:, 1] - many[:, 2]) / (2 * h), (many[:, 3] - many[:, 4]) / (2 * h)
+            det = by_x[0] * by_y[1] - by_x[1] * by_y[0]
+            if np.abs(e).max() < 1e-11:
+                break
+            at = at + np.array([by_y[1] * e[0] - by_y[0] * e[1], by_x[0] * e[1] - by_x[1] * e[0]]) / det
+        return *at, self.stop_radius ** 2 / np.abs(det)
+
+    def stop_centre(self, t):
+        """Where a straight line along the field to the centre of the stop starts."""
+        cs = self.surfaces[self.stop].geometry.cs
+        x, y, z = (float(np.ravel(v)[0]) for v in (cs.x, cs.y, cs.z))
+        return np.array([x - t[0] * (z - self.z), y - t[1] * (z - self.z)])
 
     def run(self, x, y, t, last):
         """Where rays from (x, y) cross surface `last`, in its frame."""
-        n = 1 / np.sqrt(1 + t[0] ** 2 + t[1] ** 2)
         one = np.ones(np.size(x))
-        rays = RealRays(np.atleast_1d(x), np.atleast_1d(y), self.z * one, t[0] * n * one, t[1] * n * one, n * one, one, UM * one)
+        o, d = self.launch(t, np.atleast_1d(x), np.atleast_1d(y))
+        rays = RealRays(*o, *d, one, UM * one)
         with warnings.catch_warnings(), np.errstate(all="ignore"):
             warnings.simplefilter("ignore")
             for surface in self.surfaces[:last + 1]:
@@ -142,19 +172,8 @@ class Rays:
 
     def chief(self, t):
         """(X, Y) of the chief ray, mm."""
-        # From the straight line to the stop, by Newton's method.
-        cs = self.surfaces[self.stop].geometry.cs
-        x, y, z = (float(np.ravel(v)[0]) for v in (cs.x, cs.y, cs.z))
-        at = np.array([x - t[0] * (z - self.z), y - t[1] * (z - self.z)])
-        h = 1e-4
-        for _ in range(40):
-            xs, ys = at[0] + h * np.array([0, 1, -1, 0, 0]), at[1] + h * np.array([0, 0, 0, 1, -1])
-            v = self.run(xs, ys, t, self.stop)
-            e, by = v[:, 0], np.array([v[:, 1] - v[:, 2], v[:, 3] - v[:, 4]]).T / (2 * h)
-            at = at - np.linalg.solve(by, e)
-            if np.abs(e).max() < 1e-12:
-                break
-        return self.run(at[0], at[1], t, len(self.surfaces) - 1)[:, 0] * [1, -1]
+        x, y, _ = self.aim(t, np.zeros(1), np.zeros(1))
+        return self.run(x, y, t, len(self.surfaces) - 1)[:, 0] * [1, -1]
 
     def by_slopes(self, t, h=1e-4):
         """d(X, Y)/d(tx, ty) of the chief ray: differences over h and 2 h, extrapolated."""

@@ -1,4 +1,4 @@
-"""PSF of a built lens by a Huygens sum over Optiland's rays: plane wavelets, amplitude sqrt(Phi J/N), phase W of the path.
+"""PSF of a field point by a Huygens sum over Optiland's rays: plane wavelets, amplitude sqrt(Phi J/N), phase W of the path.
 
     W = path - path0 - L (X - X0) - M (Y - Y0)        of the chief ray 0;  E(x, y) = sum a exp(i k (W + L x + M y)),  PSF = |E|^2
 J = |d(L, M)/d(p, q)|, Phi light per dp dq, L, M optical direction cosines on the film (film frame), N along its normal.
@@ -26,7 +26,8 @@ def film_rays(lens, t, p, q):
 
 
 def psf(lens, t, n, pitch_um, turn=0.0, rings=48, spokes=192, h=1e-4):
-    """n x n point samples, row down, sum 1, the chief ray at the centre; in the frame turned by `turn` (from X towards Y)."""
+    """n x n point samples, row down, sum 1, the chief ray at the centre; in the frame turned by `turn` (from X towards Y). `lens` has the methods
+    `aim` and `launch`, and `um`, `surfaces` and `index` of optiland_built.Built or of optiland_asymmetric.Rays."""
     p, q, w = quadrature(rings, spokes)
     c, s = np.cos(turn), np.sin(turn)
     R = np.array([[c, s], [-s, c]])                           # film frame -> turned frame
