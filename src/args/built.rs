@@ -23,6 +23,16 @@ pub struct BuiltArgs {
     pub lens_sample: LensSamples,
 }
 
+impl BuiltArgs {
+    /// The lens `name` of these arguments in messages, in quotation marks.
+    pub fn named(&self, name: &str) -> String {
+        match self.tolerances {
+            Some(_) => format!("`{name}` with --tolerances"),
+            None => format!("`{name}`"),
+        }
+    }
+}
+
 impl Default for BuiltArgs {
     fn default() -> Self {
         Self { tolerances: None, seed: 1, lens_sample: LensSamples::default() }

@@ -182,7 +182,8 @@ fn check_asymmetric(args: &RunArgs) -> Result<()> {
     match refused.iter().find(|(is_asked, _)| *is_asked) {
         None => Ok(()),
         Some((_, what)) => {
-            Err(usage(format!("{what}: expected a lens with rotational symmetry, `{}` has none", args.lens)))
+            let lens = args.built.named(&args.lens);
+            Err(usage(format!("{what}: expected a lens with rotational symmetry, {lens} has none")))
         }
     }
 }
@@ -214,8 +215,9 @@ fn check_scene(args: &RunArgs, scene: &SceneChart, lens: &UntracedLens, frame: &
     }
     if scene.projection() != Projection::Planar && !lens.is_symmetric() {
         return Err(usage(format!(
-            "scene `{}` is in the projection of the film: expected a lens with rotational symmetry, `{}` has none; make the scene with --projection planar",
-            args.chart, args.lens
+            "scene `{}` is in the projection of the film: expected a lens with rotational symmetry, {} has none; make the scene with --projection planar",
+            args.chart,
+            args.built.named(&args.lens)
         )));
     }
     if frame.scale != (1.0, 1.0) || frame.center_mm != (0.0, 0.0) {

@@ -124,9 +124,8 @@ pub fn check_flat(args: &TraceArgs) -> Result<()> {
     match args.depths_m {
         None => Ok(()),
         Some(_) => Err(usage(format!(
-            "--depths-m: expected a lens with rotational symmetry, {}{} has none",
-            args.design,
-            if args.built.tolerances.is_some() { " with --tolerances" } else { "" }
+            "--depths-m: expected a lens with rotational symmetry, {} has none",
+            args.built.named(&args.design)
         ))),
     }
 }
