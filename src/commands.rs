@@ -1,4 +1,5 @@
-//! The commands, a module each: arguments to a report and an exit code. What several commands share lies beside this module.
+//! The commands, a module each: arguments to a report and an exit code. What most commands share lies beside this module; a command that
+//! does what another does as a part of its own (`dataset` exposes sensors, `restore` reads raws) calls that one.
 
 mod bench;
 mod cache;

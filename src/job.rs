@@ -1,10 +1,11 @@
-//! A job, resolved from its arguments before any pixel is computed, in five steps:
+//! A job, resolved from its arguments before any pixel is computed, in six steps:
 //!
 //! ```text
 //! Opened       chart, lens, names of the surfaces' arrays                  inputs
 //! Arguments    device, engine, options                                     arguments
 //! Inputs       bands, film geometry, surfaces                              inputs, frame, depth
-//! JobPlan      film layout, lens at the job's wavelengths, band plans      bands, film
+//! UntracedJob  lens that is not traced yet, layers of stray light, film    ghosts, veil, film
+//! JobPlan      lens at the job's wavelengths, band plans, tails            bands, tails
 //! resources    memory, GPU queues                                          resources, stretch
 //! ```
 //! then its identity (`identity`) and the notes to print (`notes`). Every error that can be found early is found here.

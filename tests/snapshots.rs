@@ -1,7 +1,7 @@
 //! Help and errors as they are printed. A file of `tests/snapshots` holds commands, `$ lenscube …`, run in its order in one new directory, each followed
 //! by its exit code, `? 2`, if that is not 0, and by what it prints: standard output, then standard error. `[..]` stands for any text within a line.
 //!
-//! `LENSCUBE_SNAPSHOTS=write cargo test --workspace --test snapshots` writes the files anew; lines that match stay as they are.
+//! `LENSCUBE_SNAPSHOTS=write cargo test --workspace --all-features --test snapshots` writes the files anew; lines that match stay as they are.
 
 use libtest_mimic::{Arguments, Failed, Trial};
 use std::fs;

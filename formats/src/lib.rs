@@ -15,6 +15,7 @@
 //! | `mesh` | triangle meshes of glTF, OBJ and PLY files (feature `mesh`) |
 //! | [`mod@mesh_name`] | names of such files |
 //! | [`mod@scene`] | scenes: weights of spectra, distances and coverages of the surfaces of a mesh |
+//! | [`mod@dataset`] | samples of a data set and their index |
 //! | [`mod@developed`], [`mod@dng`] | developed raws as PNG, TIFF, OpenEXR; raws as DNG |
 //! | [`mod@picture`] | pictures and plots for people |
 //! | [`mod@group`], [`mod@pyramid`] | what films and raws have in common: creation, locks, verification; smaller levels |
@@ -25,8 +26,8 @@
 //! # Adding a chart format
 //!
 //! `chart/FORMAT.rs`, whose bands a `BandDecoder` decodes for a `DecodedChart` (`chart/exr.rs` is one), its `mod` line in `chart.rs` and its row in
-//! `chart/any.rs`. Samples in a flat file: `chart/raster/` (`open.rs`, `layout.rs`, `samples.rs`). Say it in the guide's page `charts`. Tests:
-//! `tests/cli/invariance.rs`, `formats/tests/fuzz/`.
+//! `chart/any.rs`. Samples in a flat file: `chart/raster/` (`open.rs`, `layout.rs`, `samples.rs`). Its name: in the table of `chart.rs`,
+//! the error of a chart that is not found (`chart/error.rs`), the guide's page `charts`. Tests: `tests/cli/formats.rs`, `tests/cli/invariance.rs`, `formats/tests/fuzz/`.
 //!
 //! # Adding a codec of films and charts
 //!

@@ -38,23 +38,30 @@
 //! figures, PSF, tables); lens files are read by the package `formats`. [`chart`] draws test charts
 //! ([`colour`], [`reflectance`], [`wavelengths`]); [`measure`] measures edges, points and profiles; [`figures`] summarises a lens;
 //! [`camera_model`] fits the camera models of other programs to its distortion;
+//! [`layer`], [`tails`] and [`veil`] are the light beyond PSF windows and stray light, [`reduced_chart`] and [`extended_chart`] what they are computed from;
 //! [`tiling`] divides film and bands into tiles and shards, [`buffer`] holds the light of a tile, [`geometry`] has rectangles and the film frame, [`projection`] the planes of charts, [`options`] what a job asks of
 //! the physics. [`bounds`] has the bounds of all input numbers; [`clock`] counts the time of each stage; [`simd`] selects an instruction set; [`real`] has
 //! functions whose bits do not depend on the host; [`cuda`] opens GPUs and holds their memory; [`mod@bench`] holds the baselines of benchmarks.
 //!
 //! # Adding a stage
 //!
-//! A stage between remap and overlap-add, such as veiling glare:
+//! A stage between remap and overlap-add, which changes the light of a tile:
 //!
 //! - its own module with the equation at the head;
 //! - a variant of [`stage::Stage`] and its row in `stages/description.rs`: name and help of the switch, identity, engines, reach, memory, cost;
 //!   `--stages`, `status`, the memory plan and forecasts are made from the row;
 //! - [`band`]: `BandStages`, what [`stages`] computes of a tile, and `clock::Phase` if its time is counted by itself;
 //!   What a worker keeps in memory follows from the row; the margin of tiles is half the PSF window ([`tiling`]), which a stage that reads further must enlarge;
-//! - surfaces at several distances have a computation of their own ([`depth`]): the row says whether the stage is part of it, else a job with both is an error;
+//! - a flag of its own, in place of `--stages`: its arguments in `src/args` and a field of `src/args/run.rs`; `src/job/arguments.rs` switches the stage on,
+//!   `src/job/identity.rs` has its values. What lenses without symmetry cannot have is refused in
+//!   `src/job/inputs.rs`. Surfaces at several distances have a computation of their own ([`depth`]), which applies the stage itself if it is to have it;
 //! - if GPUs have it: a `.cu` file (`scripts/ptx` compiles it to `pipeline/ptx`), its name in `cuda/ptx.rs`, a launcher beside its module, `stages/cuda/band.rs`, its bytes in
 //!   `cuda/memory.rs`, and its kernel among those of the verdict (`src/machine/device/verdict.rs`);
 //! - tests: `tests/oracle/` of this package, the model in `tests/golden/reference.py` with `make_golden.py`; the snapshots of help; `model.md` and `limits.md` of the guide.
+//!
+//! Light that is smooth over the film is not a stage of tiles but a [`layer`], added to finished shards (the tails of PSFs in [`tails`], stray light in [`veil`]): a `JobLayer` of
+//! `src/job/layers.rs` (`src/job/veil.rs` is one), which `src/job.rs` puts among the job's, and the name of its array in `formats/src/film/layers.rs`. What is told of it, its
+//! memory, storing, verification and adding follow from these. A switch of its own is a row as above.
 //!
 //! Chart formats and codecs: head of the package `formats`.
 //!

@@ -1,7 +1,8 @@
 //! A chart of any format, opened by its name on the command line.
 //!
-//! A format is a row of [`FORMATS`]; the first that recognises a name opens it. Its pixels are read by one of three types: a Zarr array
-//! ([`ChartStore`]), a file that is mapped into memory ([`RasterChart`]), or one that is decoded to a temporary file ([`DecodedChart`]).
+//! A format is a row of [`FORMATS`]; the first that recognises a name opens it. Its pixels are read by one of four types: a Zarr array
+//! ([`ChartStore`]), a file that is mapped into memory ([`RasterChart`]), one that is decoded to a temporary file ([`DecodedChart`]), or a
+//! surface of a scene ([`SceneChart`]).
 
 mod access;
 

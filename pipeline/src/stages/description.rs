@@ -1,6 +1,7 @@
-//! What each stage says of itself: the switch, the identity of a job, clocks, devices, memory and cost are made from these rows.
+//! What each stage says of itself: the switch, the identity of a job, devices, memory and cost are made from these rows.
 //!
-//! The remap stage itself, reading, overlap-add, encoding and writing belong to every film; [`Phase`] lists them beside the stages.
+//! The remap stage itself, reading, overlap-add, encoding and writing belong to every film; `clock::Phase` lists what is timed, them and
+//! stages.
 
 use crate::band::BandPlan;
 use crate::psf::memory;
