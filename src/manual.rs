@@ -33,7 +33,7 @@ pages! {
     charts: "formats and axes, wavelengths, units, pictures, drawn charts, missing data",
     lenses: "designs, tables and listings, lens packs, tracing and its cache",
     tolerances: "manufacturing errors, lenses as built and their films",
-    light: "what a film holds: coatings, absorption, transmission",
+    light: "what a film holds: tails of PSFs, transmission, ghosts, scatter, veiling glare",
     scenes: "meshes with materials, camera and light; solids, hidden surfaces",
     depth: "distances per pixel, hidden surfaces, focus",
     films: "stores, resume, export, pyramids, the viewer, exit codes, reproducibility",

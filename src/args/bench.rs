@@ -22,7 +22,7 @@ pub struct BenchArgs {
     /// Worker threads [default: all cores]
     #[arg(long, value_parser = threads)]
     pub threads: Option<usize>,
-    /// Lens pack (directory or .zip), design (.zmx) or name of a built-in lens
+    /// Lens pack (directory or .zip), design file or name of a built-in lens
     #[arg(long, value_name = "NAME|PACK|DESIGN", default_value = "double-gauss-28")]
     pub lens: String,
     /// Directory for the job's chart and film, which are removed at the end

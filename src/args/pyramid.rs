@@ -44,7 +44,7 @@ pub struct ViewArgs {
     /// Axes of the array of --chart, or of a chart as FILM, slowest first, as for `lenscube run`
     #[arg(long, value_name = "AXES")]
     pub axes: Option<AxisOrder>,
-    /// Lens: pack, .zmx or built-in lens [default: the built-in lens recorded in the film]
+    /// Lens: pack, design file or built-in lens [default: the built-in lens recorded in the film]
     #[arg(long, value_name = "LENS")]
     pub lens: Option<String>,
     /// Port on 127.0.0.1; 0: any free port
