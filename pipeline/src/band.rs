@@ -28,6 +28,8 @@ const SAME_NM: f64 = 1e-6;
 /// Largest prepared PSFs of a band without rotational symmetry that are kept in memory, bytes: a sixteenth of 1 GiB, of which two bands are in
 /// flight.
 const MAX_IN_MEMORY: usize = 64 << 20;
+/// Bound of the rounding of a pixel's distance from the axis in 32 bits ([`crate::psf::polar`]), px.
+const ROUNDING_PX: f64 = 0.01;
 
 /// The lens bands that a wavelength is interpolated from: `first` only, or both with the share of `second`.
 #[derive(Clone, Copy, Debug, PartialEq)]
@@ -274,8 +276,20 @@ impl BandPlan {
         BandStages { remap: Arc::new(remap), psf: psf.map(Arc::new), depth: None, layers: Vec::new() }
     }
 
-    /// The stages of this band, the `position`-th of the job. `stack` reads the PSFs of a lens band, only if the PSF stage is enabled;
-    /// `gain` multiplies the remapped image (film units).
+    /// Number of the sets of PSFs, the first ones, that the film of `frame` and its margin need ([`NodeGrid::psf_sets`]): of a polar grid up to the
+    /// height beyond their corners. 0 without PSF stage.
+    pub fn psf_sets(&self, frame: &Frame) -> usize {
+        let Some(grid) = &self.grid else { return 0 };
+        let heights_px = match grid {
+            NodeGrid::Cartesian(_) => return grid.len(),
+            NodeGrid::Polar(nodes) => nodes.heights_px(),
+        };
+        let farthest_px = frame.farthest_mm(self.tiling.grown()) / frame.pitch_mm() + ROUNDING_PX;
+        (heights_px.partition_point(|height| *height < farthest_px) + 1).min(heights_px.len())
+    }
+
+    /// The stages of this band, the `position`-th of the job. `stack` reads the PSFs of a lens band, at least those of the first
+    /// [`BandPlan::psf_sets`], only if the PSF stage is enabled; `gain` multiplies the remapped image (film units).
     ///
     /// # Errors
     /// Errors of `stack`.

@@ -62,6 +62,23 @@ fn same_bits_for_threads_memory_shards_and_regions(simd: Simd) {
     assert!(corner.tiles == 2, "one tile of each band reaches the corner, {} were computed", corner.tiles);
 }
 
+fn psfs_beyond_the_film_are_not_needed(simd: Simd) {
+    let mut noise = Noise(8);
+    let mut case = case(simd, &mut noise, Size::new(700, 620), Size::new(120, 110), &[25, 7]);
+    case.frame = Frame::centred(Size::new(100, 90), Size::new(120, 110), 2.0);
+    let (full, _) = case.run(&case.full_film(64), 2, 1 << 20);
+    for (plan, stack) in case.plans().iter().zip(&mut case.stacks) {
+        let sets = plan.psf_sets(&case.frame);
+        // Heights of 0, 98, 154, 331 and 466 px or more; the corners of the film and its margin are at 67 to 84 px.
+        assert_eq!((sets, stack.heights()), (2, 5));
+        stack.samples.truncate(sets * stack.size * stack.size);
+    }
+    let (of_first, _) = case.run(&case.full_film(64), 2, 1 << 20);
+    for (a, b) in full[0].iter().zip(&of_first[0]) {
+        assert!(!a.is_empty() && a.iter().zip(b).all(|(a, b)| a.to_bits() == b.to_bits()));
+    }
+}
+
 fn point_keeps_its_sum_and_coma_points_outwards(simd: Simd) {
     let mut noise = Noise(2);
     let film = Size::new(241, 241);
@@ -166,9 +183,10 @@ fn read_error_loses_exactly_the_dependent_shards(simd: Simd) {
 }
 
 fn main() -> ExitCode {
-    let checks: [(&str, oracle::Check); 5] = [
+    let checks: [(&str, oracle::Check); 6] = [
         ("film_equals_the_f64_model_in_every_band", film_equals_the_f64_model_in_every_band),
         ("same_bits_for_threads_memory_shards_and_regions", same_bits_for_threads_memory_shards_and_regions),
+        ("psfs_beyond_the_film_are_not_needed", psfs_beyond_the_film_are_not_needed),
         ("point_keeps_its_sum_and_coma_points_outwards", point_keeps_its_sum_and_coma_points_outwards),
         (
             "uniform_chart_gives_one_minus_the_divergence_of_the_psf_centroid",

@@ -154,6 +154,18 @@ impl JobLens {
         }
     }
 
+    /// As [`JobLens::psf`], at least those of the first `sets` sets: of a traced band no others.
+    ///
+    /// # Errors
+    /// As there.
+    pub fn first_psfs(&self, band: usize, sets: usize) -> Result<PsfStack, LensPackError> {
+        let Self::Traced(traced) = self else { return self.psf(band) };
+        let pack = &traced.packs[band];
+        let LensBand { psf_size: size, psf_pitch_um: pitch_um, .. } = traced.lens.bands[band];
+        let samples = pack.psfs_of_sets(0, 0, 0..sets, 1)?;
+        Ok(PsfStack { size, pitch_um, sample: traced.lens.psf_sample, samples })
+    }
+
     /// PSFs of depth node `node` of band `band` of [`JobLens::lens`].
     ///
     /// # Errors

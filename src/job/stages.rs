@@ -12,6 +12,7 @@ use pipeline::clock::at_once;
 use pipeline::depth::seen::SeenChart;
 use pipeline::flow::{ChartSource, SourceSinkError};
 use pipeline::layer::Layer;
+use pipeline::lens::PsfStack;
 use pipeline::psf::BandPsf;
 use pipeline::psf::kernel::on_demand::PsfSource;
 use pipeline::tails::TailKernels;
@@ -29,19 +30,30 @@ pub enum StageError {
     Pack(#[from] LensPackError),
 }
 
-/// Constructs the stages of a band, without its layers.
+/// Constructs the stages of a band for the film of `job`, without its layers.
 ///
 /// # Errors
 /// The PSFs cannot be read.
 pub fn stages(job: &Job, position: usize) -> Result<BandStages, StageError> {
-    with_id(job, position, position)
+    let sets = job.plans[position].psf_sets(&job.frame);
+    of_psfs(job, position, position, |band| Ok(job.lens.first_psfs(band, sets)?))
 }
 
-/// As [`stages`]; the band is called `id` in the cache of spectra.
+/// As [`stages`], also for films at other places; the band is called `id` in the cache of spectra.
 ///
 /// # Errors
 /// As there.
 pub fn with_id(job: &Job, position: usize, id: usize) -> Result<BandStages, StageError> {
+    of_psfs(job, position, id, |band| Ok(job.lens.psf(band)?))
+}
+
+/// The stages with PSFs that `psfs` reads of a band of the lens, unless they are those of depth nodes or read when they are needed.
+fn of_psfs(
+    job: &Job,
+    position: usize,
+    id: usize,
+    psfs: impl Fn(usize) -> Result<PsfStack, StageError>,
+) -> Result<BandStages, StageError> {
     let plan = &job.plans[position];
     let gain = job.gains[position] * remaining(&job.layers, job.film_bands[position]);
     if plan.depth.is_some() {
@@ -55,7 +67,7 @@ pub fn with_id(job: &Job, position: usize, id: usize) -> Result<BandStages, Stag
     }
     let read_psfs = |band: usize| match plan.node {
         Some(node) => Ok(job.lens.psf_of_node(band, node)?),
-        None => Ok::<_, StageError>(job.lens.psf(band)?),
+        None => psfs(band),
     };
     plan.stages(id, &job.frame, &job.options, gain, read_psfs)
 }
@@ -151,7 +163,8 @@ pub fn without_layers(job: &Job, store: Option<&FilmStore>) -> Result<Vec<bool>,
     }
 }
 
-/// Constructs the stages of a band, with its layers, which are stored in `film`; `energy` receives the share of the light inside its PSF windows, the mean over heights.
+/// Constructs the stages of a band, with its layers, which are stored in `film`; `energy` receives the share of the light inside its PSF windows, the mean over the heights of
+/// PSFs that were read.
 pub fn prepare(
     job: &Job,
     film: &FilmWriter<'_>,
@@ -167,12 +180,14 @@ pub fn prepare(
     let stages = BandStages { layers: layers?, ..stages? };
     if let Some(psf) = &stages.psf {
         let in_windows = &plan.lens.psf_energy;
-        let sum: f64 = match psf.is_in_memory() {
-            true => std::iter::zip(in_windows, psf.kernels().energy()).map(|(pack, crop)| pack * crop).sum(),
+        let shares: Vec<f64> = match psf.is_in_memory() {
+            true => {
+                std::iter::zip(in_windows, psf.kernels().energy()).map(|(pack, crop)| pack * crop).collect()
+            }
             // What `--psf-window` crops of PSFs that are not read yet is not known.
-            false => in_windows.iter().sum(),
+            false => in_windows.clone(),
         };
-        let mean = sum / in_windows.len() as f64;
+        let mean = shares.iter().sum::<f64>() / shares.len() as f64;
         energy.lock().expect("no panic while held")[position] = Some(mean);
     }
     Ok(stages)

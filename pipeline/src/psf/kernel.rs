@@ -46,8 +46,6 @@ pub struct NodeKernels {
     /// The rows of the stack ([`NodeGrid::psf_rows`]).
     psfs: Vec<Psf>,
     energy: Vec<f64>,
-    /// Whether all PSFs are symmetric about the meridian.
-    mirrored: bool,
     /// Sum of the kernels of each row of the stack; 1 if none.
     shares: Option<Vec<f64>>,
 }
@@ -55,6 +53,8 @@ pub struct NodeKernels {
 /// A PSF of the stack.
 #[derive(Debug)]
 struct Psf {
+    /// Whether it is symmetric about the meridian.
+    is_mirrored: bool,
     /// Its samples until it is prepared, then empty.
     window: Mutex<Vec<f32>>,
     prepared: OnceLock<Prepared>,
@@ -75,7 +75,8 @@ pub struct KernelScratch {
 }
 
 impl NodeKernels {
-    /// Prepares the kernels of `stack` for a film of `film_pitch_um`; `window` crops them to that many film pixels (odd).
+    /// Prepares the kernels of `stack`, which may have the first rows alone, for a film of `film_pitch_um`; `window` crops them to that many film
+    /// pixels (odd).
     pub fn new(stack: &PsfStack, film_pitch_um: f64, window: Option<usize>, simd: Simd) -> Self {
         let n = stack.size;
         let resampler = Resampler::new((n, stack.pitch_um, stack.sample), film_pitch_um, window, simd);
@@ -90,9 +91,13 @@ impl NodeKernels {
         Self {
             resampler,
             energy: windows().zip(&light).map(energy).collect(),
-            mirrored: windows().zip(&light).all(|(psf, light)| is_mirrored(psf, n, *light)),
             psfs: windows()
-                .map(|window| Psf { window: Mutex::new(window.to_vec()), prepared: OnceLock::new() })
+                .zip(&light)
+                .map(|(window, light)| Psf {
+                    is_mirrored: is_mirrored(window, n, *light),
+                    window: Mutex::new(window.to_vec()),
+                    prepared: OnceLock::new(),
+                })
                 .collect(),
             shares: None,
         }
@@ -133,7 +138,7 @@ impl NodeKernels {
     }
 
     fn prepared(&self, row: usize, s: &mut KernelScratch) -> &Prepared {
-        let Psf { window, prepared } = &self.psfs[row];
+        let Psf { window, prepared, .. } = &self.psfs[row];
         prepared.get_or_init(|| {
             let window = std::mem::take(&mut *window.lock().expect("no panic while held"));
             let mut prepared = self.resampler.prepare(&window, s);
@@ -144,7 +149,8 @@ impl NodeKernels {
 
     /// How the kernel of `node` follows from a base kernel.
     pub fn symmetry_of(&self, grid: &NodeGrid, node: Node) -> KernelSymmetry {
-        KernelSymmetry::new(grid, node, self.mirrored)
+        let row = grid.psf_rows(grid.psf_set(node)).start;
+        KernelSymmetry::new(grid, node, self.psfs[row].is_mirrored)
     }
 
     /// The kernel of the node `base` (see [`KernelSymmetry::base`]), row down.
