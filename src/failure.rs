@@ -7,6 +7,7 @@ use formats::durable::{self, DurableError, LockError};
 use formats::escape;
 use formats::export::ExportError;
 use formats::group::GroupError;
+use formats::lens::LensPackError;
 use formats::picture::PictureError;
 use pipeline::cuda::CudaError;
 use pipeline::executor::RunError;
@@ -158,7 +159,8 @@ pub fn exit_code(error: &anyhow::Error) -> u8 {
             cause.downcast_ref::<WriteError>(),
             Some(WriteError::Exists { .. } | WriteError::NotChart { .. } | WriteError::Foreign { .. })
         );
-        if other_group || other_chart {
+        let other_pack = matches!(cause.downcast_ref(), Some(LensPackError::Exists { .. }));
+        if other_group || other_chart || other_pack {
             return code::OTHER_JOB;
         }
     }

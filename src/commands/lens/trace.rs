@@ -9,7 +9,7 @@ mod writer;
 
 use crate::args::{Store, TraceArgs};
 use crate::design;
-use crate::failure::{other_job, usage};
+use crate::failure::usage;
 use crate::job::lens::attributes::attributes;
 use crate::job::lens::built::unmoved;
 use crate::job::lens::drawn::DrawnLens;
@@ -19,7 +19,7 @@ use crate::progress::{TracingBar, detail_line, log_line, number, plural};
 use anyhow::{Context, Result};
 use estimate::{Needed, estimate};
 use formats::design::builtin::SAMPLE;
-use formats::lens::{LensPackError, LensPackWriter};
+use formats::lens::LensPackWriter;
 use pipeline::bounds::HEIGHT_MM;
 use pipeline::design::System;
 use pipeline::design::depth::trace::DepthOptions;
@@ -91,7 +91,7 @@ pub fn command(args: &TraceArgs) -> Result<()> {
     if args.store.is_none() && stored == Store::Pupils {
         log_line(pupils_note(psf_mb));
     }
-    let pack = create_pack(&args.out, |out| LensPackWriter::create(out))?;
+    let pack = LensPackWriter::create(&args.out)?;
     let bar = TracingBar::new(options.wavelengths_nm.len());
     let mut reports: Vec<BandReport> = Vec::new();
     let mut progress = |p: Progress| {
@@ -182,17 +182,6 @@ fn system(args: &TraceArgs) -> Result<(System, Option<DepthOptions>)> {
         None => system.object_vergence()?,
     };
     Ok((system, Some(DepthOptions { focus, range, tolerance: args.depth_tolerance, is_for_film: false })))
-}
-
-/// Begins the pack `out`, by `create`.
-fn create_pack(
-    out: &Path,
-    create: impl FnOnce(&Path) -> Result<LensPackWriter, LensPackError>,
-) -> Result<LensPackWriter> {
-    create(out).map_err(|e| match e {
-        LensPackError::Exists { .. } => other_job(e.to_string()),
-        e => e.into(),
-    })
 }
 
 /// Summary over all bands: kernel error, light inside the windows, time, size, use.

@@ -1,7 +1,7 @@
 //! `lenscube lens trace` of a lens without rotational symmetry: as built (`--tolerances`), or by design.
 
 use super::writer::write_beside;
-use super::{band_line, create_pack, default_store, pupils_note, sealed, summary};
+use super::{band_line, default_store, pupils_note, sealed, summary};
 use crate::args::{Store, TraceArgs};
 use crate::failure::usage;
 use crate::job::lens::attributes::attributes;
@@ -62,7 +62,7 @@ pub fn max_height_mm(args: &TraceArgs) -> Result<f64> {
 /// A lens that cannot be traced over the film.
 pub fn trace(args: &TraceArgs, drawn: &DrawnLens, options: &TraceOptions, start: Instant) -> Result<()> {
     let half_mm = half_film_mm(args, options)?;
-    let pack = create_pack(&args.out, |out| LensPackWriter::create_planar(out))?;
+    let pack = LensPackWriter::create_planar(&args.out)?;
     let bar = TracingBar::new(options.wavelengths_nm.len());
     bar.step("focus of the lens as built".to_owned());
     let adjusted = drawn.compensated(real::hypot(half_mm[0], half_mm[1]))?;
@@ -96,7 +96,7 @@ pub fn trace_design(
 ) -> Result<()> {
     check_flat(args)?;
     let half_mm = half_film_mm(args, options)?;
-    let pack = create_pack(&args.out, |out| LensPackWriter::create_planar(out))?;
+    let pack = LensPackWriter::create_planar(&args.out)?;
     let film = map_range(half_mm, options.max_height_mm);
     let trace = GridTrace::new(lens, options, film)?;
     Planar {

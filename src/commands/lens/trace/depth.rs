@@ -1,6 +1,6 @@
 //! `lenscube lens trace --depths-m`: a pack with depth nodes.
 
-use super::{bytes_of, create_pack, log_needed, sealed};
+use super::{bytes_of, log_needed, sealed};
 use crate::args::TraceArgs;
 use crate::failure::usage;
 use crate::job::lens::attributes::attributes;
@@ -39,7 +39,7 @@ pub fn trace(
         head.blur_per_dioptre_um / options.film_pitch_um
     ));
     announce(args, system, options, depth).with_context(tracing)?;
-    let mut pack = create_pack(&args.out, |out| LensPackWriter::create(out))?;
+    let mut pack = LensPackWriter::create(&args.out)?;
     let bar = TracingBar::new(options.wavelengths_nm.len());
     let mut reports = Vec::new();
     for (index, nm) in options.wavelengths_nm.iter().copied().map(number).enumerate() {
