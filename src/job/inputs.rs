@@ -53,7 +53,7 @@ impl Opened {
             .with_errors(&args.built)?;
         let surfaces = SurfacePaths::of_job(&args.surfaces, &args.chart, &chart)?;
         if !lens.is_symmetric() {
-            check_asymmetric(args)?;
+            check_asymmetric(args, &lens)?;
         }
         Ok(Self { chart, lens, surfaces })
     }
@@ -173,8 +173,14 @@ impl Inputs {
 /// What films of a lens without rotational symmetry cannot have.
 ///
 /// # Errors
-/// Usage: stray light, bands with a width.
-fn check_asymmetric(args: &RunArgs) -> Result<()> {
+/// Usage: stray light, bands with a width, azimuths of PSFs on a grid.
+fn check_asymmetric(args: &RunArgs, lens: &UntracedLens) -> Result<()> {
+    if args.azimuths.is_some() && lens.has_psf_grid() {
+        let lens = args.built.named(&args.lens);
+        return Err(usage(format!(
+            "--azimuths: the PSFs of {lens} are on a grid of columns and rows; leave it out"
+        )));
+    }
     let refused = [
         (args.veil.is_on(), "scatter, veiling glare and ghosts"),
         (args.tracing.integrated_bands().is_some(), "--band-samples"),

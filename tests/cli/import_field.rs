@@ -65,6 +65,13 @@ fn film_of_a_uniform_chart_is_the_flat_field() {
         worst = worst.max((f64::from(*v) - relative(x, y)).abs());
     }
     assert!(worst < 2e-6, "{worst}");
+    let refused = run(
+        "gen:uniform?size=96&wavelengths=550",
+        &film,
+        text(&lens),
+        &["--film-pitch-um", "2", "--azimuths", "8"],
+    );
+    assert!(refused.code == 2 && refused.stderr.contains("--azimuths: the PSFs of `"), "{}", refused.stderr);
     let shown = lenscube(&["lens", "show", text(&lens)]).ok().stdout;
     assert!(shown.contains("bench") && shown.contains("(grid) at 3 × 2 places"), "{shown}");
 }

@@ -19,8 +19,9 @@ use pipeline::design::skew::grid::GridTrace;
 use pipeline::design::skew::map::FilmRange;
 use pipeline::design::skew::system::BuiltLens;
 use pipeline::design::trace::{LensTrace, TraceOptions};
-use pipeline::lens::Lens;
 use pipeline::lens::depth::LensDepth;
+use pipeline::lens::planar::PsfPlaces;
+use pipeline::lens::{Lens, LensBand};
 use std::sync::Arc;
 
 /// Blur radius in film pixels up to which a surface is in focus: the L1 error of a PSF is then at most 2 %, by C·Δρ² with the C of the worst lens of
@@ -72,6 +73,18 @@ impl UntracedLens {
         match self {
             Self::Pack(pack) => pack.lens().is_symmetric(),
             Self::Design(design) => design.asymmetric.as_ref().is_none_or(AsymmetricLens::is_symmetric),
+        }
+    }
+
+    /// Whether its PSFs are on a grid of columns and rows.
+    pub fn has_psf_grid(&self) -> bool {
+        let is_grid = |band: &LensBand| {
+            let places = band.planar.as_ref().map(|planar| &planar.psfs);
+            matches!(places, Some(PsfPlaces::Cartesian { .. }))
+        };
+        match self {
+            Self::Pack(pack) => pack.lens().bands.iter().any(is_grid),
+            Self::Design(_) => self.asymmetric_design().is_some(),
         }
     }
 
