@@ -60,12 +60,6 @@ pub fn command(args: &ToleranceArgs) -> Result<()> {
     let system = design::open(&args.design, &args.parameters)?;
     system.notes.iter().for_each(|note| log_line(format!("note: {note}")));
     let tolerances = read.of(&system)?;
-    if tolerances.parameters().is_empty() {
-        return Err(usage(format!(
-            "{}: no errors; give an [[element]], [[surface]], [[gap]], [[glass]] or [[film]]",
-            path.display()
-        )));
-    }
     let corner_mm = corner_mm(args, &system)?;
     let request = Request { args, read: &read, system: &system, tolerances: &tolerances, corner_mm };
     check_absent_in(out, all_files(), args.overwrite)?;

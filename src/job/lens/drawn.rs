@@ -53,9 +53,16 @@ impl ReadTolerances {
     /// The errors of `system`.
     ///
     /// # Errors
-    /// Usage: errors that the lens does not have, with their line.
+    /// Usage: errors that the lens does not have, with their line; no errors.
     pub fn of(&self, system: &System) -> Result<Tolerances> {
-        self.file.tolerances(system).map_err(|e| usage(e.to_string()))
+        let tolerances = self.file.tolerances(system).map_err(|e| usage(e.to_string()))?;
+        if tolerances.parameters().is_empty() {
+            return Err(usage(format!(
+                "{}: no errors; give an [[element]], [[surface]], [[gap]], [[glass]] or [[film]]",
+                self.path.display()
+            )));
+        }
+        Ok(tolerances)
     }
 }
 
