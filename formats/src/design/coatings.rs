@@ -181,8 +181,7 @@ impl CoatingFile {
 
 /// Checks a film's index and thickness.
 fn check_layer(n: f64, k: f64, thickness_um: f64) -> Result<(), String> {
-    for (what, value, bound) in [("n", n, &N), ("k", k, &K), ("thickness in µm", thickness_um, &THICKNESS_UM)]
-    {
+    for (what, value, bound) in [("n", n, &N), ("k", k, &K)] {
         if !bound.contains(&value) {
             return Err(format!(
                 "{what} of a layer is {value}, expected {} to {}",
@@ -190,6 +189,13 @@ fn check_layer(n: f64, k: f64, thickness_um: f64) -> Result<(), String> {
                 bound.end()
             ));
         }
+    }
+    if !THICKNESS_UM.contains(&thickness_um) {
+        let (least, most) = (THICKNESS_UM.start(), THICKNESS_UM.end());
+        let thickness_nm = 1e3 * thickness_um;
+        return Err(format!(
+            "a layer is {thickness_nm} nm ({thickness_um} µm) thick, expected {least} to {most} µm"
+        ));
     }
     Ok(())
 }

@@ -68,7 +68,7 @@ fn wrong_toml_is_an_error_that_says_where() {
     for (from, to, words) in [
         ("default = \"bbar\"", "default = \"bbra\"", "no coating `bbra`; there are BBAR, FLAT"),
         ("\"SiO2\", 94.5", "\"SiO3\", 94.5", "[coating.ircut] material SiO3 has no entry"),
-        ("94.5", "200000", "thickness in µm of a layer is 200"),
+        ("94.5", "200000", "a layer is 200000 nm (200 µm) thick, expected 0 to 100 µm"),
         ("0.006", "1.2", "[coating.bbar] reflectance 1.2"),
         ("[450,", "[350,", "do not ascend"),
         ("measured.csv", "missing.csv", "missing.csv: not found"),
