@@ -343,11 +343,11 @@ impl Progress for Bars {
 pub fn summary_line(s: &Summary) -> String {
     let rate = s.pixels as f64 / s.wall_s * 1e-6;
     format!(
-        "{} in {}, {rate:.1} Mpx/s, {}; {:.2} GB written",
+        "{} in {}, {rate:.1} Mpx/s, {}; {} written",
         plural(s.shards, "shard"),
         duration(s.wall_s),
         plural(s.tiles, "tile"),
-        s.bytes_written as f64 * 1e-9
+        data_size(s.bytes_written)
     )
 }
 
@@ -359,7 +359,6 @@ pub fn summary_details(
     outside_window: (f64, f64),
     has_tails: bool,
 ) -> Vec<String> {
-    let gb = |b: u64| b as f64 * 1e-9;
     let phase = |phase: &Phase| {
         let spectra =
             if *phase == Phase::Svpsf { format!(" ({} spectra)", s.spectra) } else { String::new() };
@@ -387,7 +386,7 @@ pub fn summary_details(
         )
     }));
     let peak = peak.map_or(String::new(), |p| format!(", peak memory {} MiB", p >> 20));
-    lines.push(format!("read {:.2} GB, wrote {:.2} GB{peak}", gb(bytes_read), gb(s.bytes_written)));
+    lines.push(format!("read {}, wrote {}{peak}", data_size(bytes_read), data_size(s.bytes_written)));
     if outside_window.1 > 0.0 {
         lines.push(format!(
             "energy outside the PSF windows: {:.1} % to {:.1} % by band (mean over heights); {}",
@@ -413,6 +412,15 @@ pub fn number(v: f64) -> f64 {
 /// A number as it was given, with an exponent where it has many digits: 1e300.
 pub fn given_number(v: f64) -> String {
     format!("{v:?}").trim_end_matches(".0").to_owned()
+}
+
+/// Bytes of files, in kB, MB or GB.
+pub fn data_size(bytes: u64) -> String {
+    match bytes as f64 {
+        b if b < 1e5 => format!("{:.1} kB", b * 1e-3),
+        b if b < 1e8 => format!("{:.1} MB", b * 1e-6),
+        b => format!("{:.2} GB", b * 1e-9),
+    }
 }
 
 /// Bytes in MiB, rounded up, for messages.

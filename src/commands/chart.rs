@@ -6,7 +6,7 @@ mod motion;
 use crate::args::{ChartArgs, ChartCommand, GeneratedArgs, size_order_note};
 use crate::failure::{other_job, usage};
 use crate::machine::threads;
-use crate::progress::{counting, log_line, plural};
+use crate::progress::{counting, data_size, log_line, plural};
 use anyhow::Result;
 use formats::chart::{ChartMeta, Codec, NewChart, SurfaceArray, WriteError, write_surfaces};
 use pipeline::chart::{ChartSpec, Generator, Kind, ScenePart};
@@ -119,13 +119,13 @@ fn store(chart: &NewChart<'_>, out: &Path, codec: Codec, threads: usize, overwri
     let NewChart { source, meta, surfaces } = chart;
     let with = if surfaces.is_empty() { "" } else { ", with distances and hidden surfaces" };
     log_line(format!(
-        "{}: {} of {} px for a film of {}{with}, {}, {:.2} GB",
+        "{}: {} of {} px for a film of {}{with}, {}, {}",
         out.display(),
         plural(meta.wavelengths_nm.len(), "band"),
         source.size(),
         meta.film_size.unwrap_or(source.size()),
         plural(report.shards, "shard"),
-        report.bytes as f64 * 1e-9
+        data_size(report.bytes)
     ));
     Ok(())
 }

@@ -37,6 +37,7 @@ use crate::film;
 use crate::job::Job;
 use crate::job::depth::Depth;
 use crate::job::film_engine;
+use crate::job::lens::shown_name;
 use crate::job::stages::{layers, prepare, without_layers};
 use crate::open;
 use crate::outputs::Guard;
@@ -464,7 +465,7 @@ fn print_start(job: &Job, shards: usize) {
     };
     log_line(format!(
         "{}: {}, film {} px of {} µm, {}; {}{gpus}, engine {}",
-        job.lens.lens().name,
+        shown_name(&job.lens.lens().name),
         plural(job.plans.len(), "band"),
         frame.film,
         frame.pitch_um,

@@ -10,7 +10,7 @@ use crate::args::VerifyArgs;
 use crate::failure::code;
 use crate::film::{layout, lock_all, reported};
 use crate::machine::threads;
-use crate::progress::{counting, log_line, plural, print};
+use crate::progress::{counting, data_size, log_line, plural, print};
 use anyhow::Result;
 use digests::check_digests;
 use formats::durable::fault_point;
@@ -83,11 +83,11 @@ fn print_report(store: &FilmStore, engines: &[String], verdict: &VerifyReport, r
         print(format!("{kind}: {key}: {reason}"));
     }
     let path = store.path().display();
-    let gb = verdict.bytes as f64 * 1e-9;
+    let size = data_size(verdict.bytes);
     let shards = plural(verdict.shards, "shard");
     match verdict.findings.len() {
-        0 => print(format!("{path} is correct: no defect in {shards}, {gb:.3} GB")),
-        n => print(format!("{path}: {} in {shards}, {gb:.3} GB", plural(n, "defect"))),
+        0 => print(format!("{path} is correct: no defect in {shards}, {size}")),
+        n => print(format!("{path}: {} in {shards}, {size}", plural(n, "defect"))),
     }
     if let Some(bits) = store.spec().keep_bits {
         log_line(format!("note: samples are rounded to {bits} bits of mantissa (--keep-bits)"));

@@ -45,6 +45,11 @@ use tracing_job::TracingJob;
 pub use tracing_job::{EstimatedLens, TracedFor};
 pub use untraced::{UntracedDesign, UntracedLens};
 
+/// The name of a lens for people: a design need not have one.
+pub fn shown_name(name: &str) -> &str {
+    if name.is_empty() { "a lens without a name" } else { name }
+}
+
 /// Lens of a job.
 pub enum JobLens {
     /// A lens pack with its bands.

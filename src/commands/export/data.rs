@@ -6,7 +6,7 @@ use crate::failure::usage;
 use crate::machine::peak_resident;
 use crate::machine::threads;
 use crate::open;
-use crate::progress::{counting, log_line, plural};
+use crate::progress::{counting, data_size, log_line, plural};
 use anyhow::Result;
 use formats::durable::parent_of;
 use formats::export::exr::{ExrOptions, write_exr};
@@ -100,11 +100,11 @@ fn print_summary(args: &ExportArgs, samples: &Samples<'_>, written: Written, sec
     let pixels = (samples.bands() * samples.rect.size().pixels()) as f64;
     let peak = peak_resident().map_or(String::new(), |p| format!(", peak memory {} MiB", p >> 20));
     log_line(format!(
-        "{}: {} of {} px, {:.2} GB in {seconds:.1} s, {:.1} Mpx/s{peak}",
+        "{}: {} of {} px, {} in {seconds:.1} s, {:.1} Mpx/s{peak}",
         args.out.display(),
         plural(samples.bands(), "band"),
         samples.rect.size(),
-        written.bytes as f64 * 1e-9,
+        data_size(written.bytes),
         pixels / seconds * 1e-6,
     ));
     if written.missing > 0 {

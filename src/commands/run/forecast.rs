@@ -11,7 +11,7 @@ use crate::job::depth_forecast::DepthForecast;
 use crate::job::stages::without_layers;
 use crate::job::{Job, UntracedJob, cost};
 use crate::machine::free_space;
-use crate::progress::mib;
+use crate::progress::{data_size, mib};
 use crate::progress::{duration, plural, print as print_line};
 use anyhow::Result;
 use formats::chart::Codec;
@@ -68,14 +68,14 @@ impl<'a> Forecast<'a> {
         let Some(free) = self.free.filter(|free| least > *free && !force) else { return Ok(()) };
         let temporary = match self.temporary {
             0 => String::new(),
-            bytes => format!(" and {} for the chart's bands in a temporary file", gb(bytes)),
+            bytes => format!(" and {} for the chart's bands in a temporary file", data_size(bytes)),
         };
         let message = format!(
             "{}: the disk is too small: the film has {} before compression{temporary}, {} are free; free some space, compute a part \
              (--bands, --roi), or start anyway with --force",
             self.film.display(),
-            gb(self.written),
-            gb(free)
+            data_size(self.written),
+            data_size(free)
         );
         Err(Coded { code: code::RETRY, message }.into())
     }
@@ -109,10 +109,6 @@ fn layers(job: &Job, store: Option<&FilmStore>, missing: &[BTreeSet<ShardId>]) -
 /// Names of the layers.
 fn names(job: &Job) -> String {
     job.film.layers.iter().map(|layer| layer.name.as_str()).collect::<Vec<_>>().join(", ")
-}
-
-fn gb(bytes: u64) -> String {
-    format!("{:.2} GB", bytes as f64 * 1e-9)
 }
 
 /// Resolves the job of `args`; a film of another job and a disk that is too small for a new film are errors before its lens is traced.
@@ -170,12 +166,15 @@ fn is_resumed(args: &RunArgs) -> Result<bool> {
 fn print_untraced(job: &UntracedJob<'_>, depth: &DepthForecast, args: &RunArgs) -> Result<()> {
     let (written, temporary) = job.bytes();
     print_line(format!("lens    {}: {}", job.lens_name(), depth.trace_text()));
-    print_line(format!("writes  {}: at most {} before compression", args.film.display(), gb(written)));
+    print_line(format!("writes  {}: at most {} before compression", args.film.display(), data_size(written)));
     if temporary > 0 {
-        print_line(format!("        {} in a temporary file beside the film, sorted by band", gb(temporary)));
+        print_line(format!(
+            "        {} in a temporary file beside the film, sorted by band",
+            data_size(temporary)
+        ));
     }
     if let Some(free) = free_space(&args.film)? {
-        print_line(format!("disk    {} free", gb(free)));
+        print_line(format!("disk    {} free", data_size(free)));
     }
     print_line(format!(
         "time    about {} for the film on {} threads at the speed of a 2.2 GHz core with AVX-512",
@@ -215,11 +214,11 @@ pub fn print(args: &RunArgs) -> Result<()> {
         job.engine
     ));
     print_line(format!("chart   {}", job.coverage));
-    print_line(format!("reads   {} of the chart before compression", gb(read)));
+    print_line(format!("reads   {} of the chart before compression", data_size(read)));
     if bands > 0 {
         print_line(format!(
             "        {} before the tiles, of {}, for light that spreads far ({})",
-            gb(read_before),
+            data_size(read_before),
             plural(bands, "band"),
             names(&job)
         ));
@@ -227,7 +226,7 @@ pub fn print(args: &RunArgs) -> Result<()> {
     if forecast.temporary > 0 {
         print_line(format!(
             "        {} in a temporary file beside the film, sorted by band",
-            gb(forecast.temporary)
+            data_size(forecast.temporary)
         ));
     }
     print_line(format!(
@@ -235,10 +234,10 @@ pub fn print(args: &RunArgs) -> Result<()> {
         args.film.display(),
         forecast.shards,
         job.frame.film,
-        gb(forecast.written)
+        data_size(forecast.written)
     ));
     if let Some(free) = forecast.free {
-        print_line(format!("disk    {} free", gb(free)));
+        print_line(format!("disk    {} free", data_size(free)));
     }
     print_line(format!(
         "time    about {} on {} threads at the speed of a 2.2 GHz core with AVX-512 (`lenscube bench` measures this machine's)",

@@ -6,7 +6,7 @@ use super::prepared::Prepared;
 use crate::failure::{Coded, code};
 use crate::film::group;
 use crate::machine::{free_space, peak_resident};
-use crate::progress::{duration, log_line, mib, plural, print};
+use crate::progress::{data_size, duration, log_line, mib, plural, print};
 use anyhow::Result;
 use formats::object;
 use formats::scene::SceneStore;
@@ -77,7 +77,7 @@ pub fn print_info(prepared: &Prepared, job: &SceneJob) {
          covered                 {:.1} % of the chart\n\
          chart                   {} px{}, {} px beyond the film on each side; {} with spectra {}\n\
          surfaces                up to {}; told apart from {:.5} dioptres; hidden ones within {} of edges\n\
-         disk                    {:.2} GB before compression\n\
+         disk                    {} before compression\n\
          work                    about {core_s:.0} core s, {} threads",
         facts.triangles,
         plural(prepared.scene.parts.len(), "part"),
@@ -99,7 +99,7 @@ pub fn print_info(prepared: &Prepared, job: &SceneJob) {
         job.spec.sheets,
         job.settings.gap_dioptre,
         job.reach_px.map_or("any distance".to_owned(), |px| format!("{px} px")),
-        job.bytes() as f64 * 1e-9,
+        data_size(job.bytes()),
         prepared.threads,
     ));
 }
@@ -112,11 +112,11 @@ pub fn check_space(out: &Path, job: &SceneJob, force: bool) -> Result<()> {
         Some(free) => Err(Coded {
             code: code::RETRY,
             message: format!(
-                "{}: the disk is too small: the scene has {:.2} GB before compression, {:.2} GB are free; free some space, make fewer surfaces (--sheets) or a \
+                "{}: the disk is too small: the scene has {} before compression, {} are free; free some space, make fewer surfaces (--sheets) or a \
                  smaller film, or start anyway with --force",
                 out.display(),
-                job.bytes() as f64 * 1e-9,
-                free as f64 * 1e-9
+                data_size(job.bytes()),
+                data_size(free)
             ),
         }
         .into()),
@@ -173,12 +173,12 @@ pub fn write_record(store: &SceneStore, outcome: &Result<Done>, prepared: &Prepa
 pub fn summary(out: &Path, job: &SceneJob, done: &Done, start: Instant) -> String {
     let peak = peak_resident().map_or(String::new(), |bytes| format!(", {} at most", mib(bytes as usize)));
     format!(
-        "{}: scene of {} px, {} surfaces of {}, {:.2} GB in {}{peak}",
+        "{}: scene of {} px, {} surfaces of {}, {} in {}{peak}",
         out.display(),
         job.spec.size,
         job.spec.sheets,
         plural(job.spec.bases, "weight"),
-        done.bytes as f64 * 1e-9,
+        data_size(done.bytes),
         duration(start.elapsed().as_secs_f64())
     )
 }

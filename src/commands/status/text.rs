@@ -1,7 +1,8 @@
 //! The status of a film as text.
 
 use super::report::{BandStatus, LayerStatus, LockStatus, Status};
-use crate::progress::{number, plural};
+use crate::job::lens::shown_name;
+use crate::progress::{data_size, number, plural};
 use formats::film::FilmStore;
 use formats::pyramid::PyramidState;
 use serde_json::Value;
@@ -15,11 +16,11 @@ const DIGITS: usize = 12;
 pub fn lines(store: &FilmStore, status: &Status) -> Vec<String> {
     let state = if status.complete { "complete" } else { "incomplete; the same `lenscube run` resumes it" };
     let percent = 100.0 * status.shards_done as f64 / status.shards.max(1) as f64;
-    let (done, all, gb) = (status.shards_done, status.shards, status.bytes as f64 * 1e-9);
+    let (done, all, size) = (status.shards_done, status.shards, data_size(status.bytes));
     let mut lines = vec![
         format!("{}: {state}", store.path().display()),
         job(store, status),
-        format!("  shards  {done} of {all} ({percent:.1} %), {gb:.3} GB"),
+        format!("  shards  {done} of {all} ({percent:.1} %), {size}"),
         match &status.engines[..] {
             [engine] => format!("  engine  {engine}"),
             engines => {
@@ -69,7 +70,7 @@ fn job(store: &FilmStore, status: &Status) -> String {
     format!(
         "  job     {} through {} ({}), film {} px of {} µm, {}; digest {:.DIGITS$}, layout {:.DIGITS$}",
         text(&status.program),
-        text(&status.job["lens_name"]),
+        shown_name(text(&status.job["lens_name"])),
         stages.join(", "),
         spec.film,
         spec.pitch_um,

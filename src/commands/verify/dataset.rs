@@ -2,7 +2,7 @@
 
 use crate::args::VerifyArgs;
 use crate::failure::code;
-use crate::progress::{counting, log_line, plural, print};
+use crate::progress::{counting, data_size, log_line, plural, print};
 use anyhow::{Context, Result};
 use formats::dataset::store::{DatasetStore, is_one};
 use formats::durable::is_url;
@@ -46,10 +46,10 @@ pub fn verify(args: &VerifyArgs) -> Result<Option<u8>> {
     } else {
         findings.iter().for_each(|f| print(format!("{}: {}", f.kind, f.key)));
         let samples = plural(store.spec().samples, "sample");
-        let gb = bytes as f64 * 1e-9;
+        let size = data_size(bytes);
         match findings.len() {
-            0 => print(format!("{} is correct: no defect in {samples}, {gb:.3} GB", path.display())),
-            n => print(format!("{}: {} in {samples}, {gb:.3} GB", path.display(), plural(n, "defect"))),
+            0 => print(format!("{} is correct: no defect in {samples}, {size}", path.display())),
+            n => print(format!("{}: {} in {samples}, {size}", path.display(), plural(n, "defect"))),
         }
         if args.repair && !damaged.is_empty() {
             log_line(format!(
