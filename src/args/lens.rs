@@ -340,10 +340,10 @@ pub struct TraceArgs {
     /// Ghosts, of which the pack then has the operators (its attribute `extras` lists `ghost`).
     #[command(flatten)]
     pub ghosts: GhostArgs,
-    /// Maximum error of a kernel between nodes, L1 at film pixels
-    #[arg(long, value_parser = positive, default_value = "0.01")]
-    pub psf_tolerance: f64,
-    /// Maximum number of PSF nodes (heights times azimuths) of a band: beyond it the error grows above --psf-tolerance, and is printed
+    /// Maximum error of a kernel between nodes, L1 at film pixels; a band that misses one that is given is an error [default: 0.01]
+    #[arg(long, value_parser = positive)]
+    pub psf_tolerance: Option<f64>,
+    /// Maximum number of PSF nodes (heights times azimuths) of a band: beyond it the error grows above that of --psf-tolerance, and is printed
     #[arg(long, value_name = "N", default_value_t = pipeline::design::trace::MAX_NODES)]
     pub max_nodes: usize,
     /// Pitch of the PSF samples, µm [default: finer than Nyquist]

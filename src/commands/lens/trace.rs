@@ -16,7 +16,7 @@ use crate::job::lens::drawn::DrawnLens;
 use crate::job::lens::energy::{MissedEnergy, percent};
 use crate::job::lens::tails;
 use crate::progress::{TracingBar, detail_line, log_line, number, plural};
-use anyhow::{Context, Result};
+use anyhow::{Context, Result, anyhow};
 use estimate::{Needed, estimate};
 use formats::design::builtin::SAMPLE;
 use formats::lens::LensPackWriter;
@@ -34,7 +34,7 @@ use pipeline::lens::planar::PsfPlaces;
 use pipeline::psf::blocks::Blocks;
 use std::path::Path;
 use std::time::Instant;
-use writer::write_beside;
+use writer::{Stopped, write_beside};
 
 /// Largest height of the sample lens without `--max-height-mm`, mm: the corner of the examples' film of 14141² px of 2 µm.
 const SAMPLE_HEIGHT_MM: f64 = 20.5;
@@ -93,7 +93,7 @@ pub fn command(args: &TraceArgs) -> Result<()> {
     }
     let pack = LensPackWriter::create(&args.out)?;
     let bar = TracingBar::new(options.wavelengths_nm.len());
-    let mut reports: Vec<BandReport> = Vec::new();
+    let (mut reports, mut missed) = (Vec::<BandReport>::new(), None);
     let mut progress = |p: Progress| {
         bar.set_bands(p.band);
         bar.step(format!("{} nm: {} ({} PSFs)", number(options.wavelengths_nm[p.band]), p.step, p.psfs));
@@ -102,10 +102,14 @@ pub fn command(args: &TraceArgs) -> Result<()> {
         LensTrace::new(&system, &options)?.with_tails(args.tails).all(&mut progress, |index, band| {
             bar.suspend(|| log_line(band_line(&band)));
             reports.push(band.report);
-            write(index, band, stored)
+            missed = missed_tolerance(args, &band.report);
+            if missed.is_some() { Err(Stopped) } else { write(index, band, stored) }
         })
     });
     bar.finish();
+    if let Some(missed) = missed {
+        return Err(missed);
+    }
     let context = || format!("tracing {}", args.design);
     let (traced, mut pack) = result.with_context(context)?;
     let mut lens = traced.with_context(context)?;
@@ -131,6 +135,21 @@ pub fn command(args: &TraceArgs) -> Result<()> {
         log_line(line);
     }
     Ok(())
+}
+
+/// The error of a band that misses the `--psf-tolerance` that was given.
+fn missed_tolerance(args: &TraceArgs, report: &BandReport) -> Option<anyhow::Error> {
+    let (tolerance, error) = args.psf_tolerance.zip(report.psf_error)?;
+    (error.worst > tolerance).then(|| {
+        anyhow!(
+            "{} nm: kernels between the nodes have errors up to {:.3} % (at {:.2} mm), expected at most {} % (--psf-tolerance): give more --max-nodes, a \
+             larger --psf-tolerance, or none for the error that can be reached",
+            number(report.wavelength_nm),
+            100.0 * error.worst,
+            error.at_mm,
+            number(100.0 * tolerance)
+        )
+    })
 }
 
 /// Prints what a trace of `seconds` needs: under `--verbose` unless it is long.
@@ -239,7 +258,7 @@ fn options(args: &TraceArgs, system: &System) -> Result<TraceOptions> {
             Blocks::widest_window()
         )));
     }
-    options.psf_tolerance = args.psf_tolerance;
+    options.psf_tolerance = args.psf_tolerance.unwrap_or(options.psf_tolerance);
     options.max_nodes = args.max_nodes;
     options.psf_pitch_um = args.psf_pitch_um;
     options.film_pitch_um = args.film_pitch_um;

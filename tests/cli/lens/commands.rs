@@ -81,6 +81,14 @@ fn invalid_designs_and_trace_flags_fail_with_one_line() {
         USAGE,
         &["GB a band", "--heights"],
     );
+    let missed =
+        ["--wavelengths", "550", "--max-height-mm", "3", "--psf-tolerance", "1e-5", "--max-nodes", "20"];
+    bad(
+        "double-gauss-28",
+        &missed,
+        FAILED,
+        &["550 nm: kernels between the nodes have errors up to", "0.001 % (--psf-tolerance)", "--max-nodes"],
+    );
     let far_out = ["--defocus-mm", "8", "--wavelengths", "550"];
     bad("double-gauss-28", &far_out, FAILED, &["401 film pixels", "--energy", "--image-plane rms"]);
     bad(

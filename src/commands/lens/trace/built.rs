@@ -1,7 +1,7 @@
 //! `lenscube lens trace` of a lens without rotational symmetry: as built (`--tolerances`), or by design.
 
-use super::writer::write_beside;
-use super::{band_line, default_store, pupils_note, sealed, summary};
+use super::writer::{Stopped, write_beside};
+use super::{band_line, default_store, missed_tolerance, pupils_note, sealed, summary};
 use crate::args::{Store, TraceArgs};
 use crate::failure::usage;
 use crate::job::lens::attributes::attributes;
@@ -153,7 +153,7 @@ impl Planar<'_> {
     /// Traces the bands and writes the pack.
     fn write(self, start: Instant) -> Result<()> {
         let Self { args, options, pack, bar, what, header, lens: (built, film), band, record } = self;
-        let mut reports: Vec<BandReport> = Vec::new();
+        let (mut reports, mut missed) = (Vec::<BandReport>::new(), None);
         let mut stored = args.store;
         let result = write_beside(pack, |write| {
             let mut lens = header;
@@ -169,10 +169,11 @@ impl Planar<'_> {
                 bar.suspend(|| log_line(band_line(&band)));
                 reports.push(band.report);
                 lens.bands.push(band.tables.clone());
-                let failed = |e: super::writer::Stopped| DesignError::Sink {
-                    wavelength_nm: *nm,
-                    problem: e.to_string(),
-                };
+                let failed = |e: Stopped| DesignError::Sink { wavelength_nm: *nm, problem: e.to_string() };
+                missed = missed_tolerance(args, &band.report);
+                if missed.is_some() {
+                    Err(failed(Stopped))?;
+                }
                 // PSFs are largest at the shortest wavelength, which is the first: how many there are is known only then.
                 let stored = *stored.get_or_insert_with(|| {
                     let psf_mb = psf_mb(&band.psf, options.wavelengths_nm.len());
@@ -187,6 +188,9 @@ impl Planar<'_> {
             Ok::<_, SkewError>(lens)
         });
         bar.finish();
+        if let Some(missed) = missed {
+            return Err(missed);
+        }
         let context = || format!("tracing {what}");
         let (traced, pack) = result.with_context(context)?;
         let lens = traced.with_context(context)?;

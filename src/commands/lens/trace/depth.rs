@@ -1,6 +1,6 @@
 //! `lenscube lens trace --depths-m`: a pack with depth nodes.
 
-use super::{bytes_of, log_needed, sealed};
+use super::{bytes_of, log_needed, missed_tolerance, sealed};
 use crate::args::TraceArgs;
 use crate::failure::usage;
 use crate::job::lens::attributes::attributes;
@@ -64,6 +64,9 @@ pub fn trace(
                 windows.max().unwrap_or(0),
             ));
         });
+        if let Some(missed) = nodes.iter().find_map(|report| missed_tolerance(args, report)) {
+            return Err(missed);
+        }
         reports.push(traced.reports[traced.nodes.nearest(depth.focus)]);
         lens.bands.push(traced.tables);
         head.bands.push(traced.nodes);
