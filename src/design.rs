@@ -166,11 +166,15 @@ fn lens_file(path: &Path, bytes: Vec<u8>) -> Result<LensFile> {
     })
 }
 
-/// Glass catalogues beside the design `path` that are read with it; none of a file that is no design.
-pub fn catalogues_of(path: &Path) -> Vec<PathBuf> {
-    let design = read_bytes(path).and_then(|bytes| lens_file(path, bytes));
-    // Also those that are read only for a glass that is in no other.
-    design.map_or(Vec::new(), |_| catalogues_in_folder_of(path, |_| true))
+/// Glass catalogues and the coating file beside the design `path` that may be read with it; none of a file that is no design.
+pub fn files_beside(path: &Path) -> Vec<PathBuf> {
+    let is_file = path.metadata().is_ok_and(|m| m.is_file());
+    let design = is_file.then(|| read_bytes(path).and_then(|bytes| lens_file(path, bytes)).ok()).flatten();
+    let Some(design) = design else { return Vec::new() };
+    // Also catalogues that are read only for a glass that is in no other.
+    let mut files = catalogues_in_folder_of(path, |_| true);
+    files.extend(design.coating_file().iter().flat_map(|name| coatings::named_beside(path, name)));
+    files
 }
 
 /// Adds the usable glasses of a catalogue that came with a design; returns a note on the others.

@@ -7,11 +7,10 @@ use crate::args::{
 };
 use crate::camera::frame::split_group;
 use crate::commands::lens::convert::catalogue_path;
-use crate::design::{catalogues_of, is_design};
+use crate::design::is_design;
 use crate::open::{check_mesh_file, is_builtin, is_mesh};
 use crate::outputs::Guard;
 use anyhow::Result;
-use formats::sensor::builtin_names;
 use std::collections::BTreeSet;
 use std::path::{Path, PathBuf};
 
@@ -50,13 +49,13 @@ fn of_command(command: &Command) -> Result<Guard> {
         Command::Sensor(args) => match &args.command {
             Some(SensorCommand::List) => guard,
             Some(SensorCommand::Show(args)) => in_directory(
-                reads_sensor(guard, &args.sensor),
+                guard.reads_sensor(&args.sensor, &args.set),
                 "--plot",
                 args.plot.as_deref(),
                 sensor::FIGURES,
             ),
             Some(SensorCommand::Validate(args)) => in_directory(
-                reads_sensor(guard, &args.sensor),
+                guard.reads_sensor(&args.sensor, &args.set),
                 "--out",
                 args.out.as_deref(),
                 sensor::validation_files(),
@@ -191,7 +190,6 @@ fn of_lens(command: &LensCommand) -> Guard {
                 .may_write("--output", args.output.as_ref())
         }
         LensCommand::Convert(args) => of_design(&args.design, &args.parameters)
-            .reads_as("design", &args.design, catalogues(&args.design))
             .writes("OUT", &args.out)
             .writes("OUT", catalogue_path(&args.out)),
         LensCommand::Import(args) => {
@@ -218,7 +216,7 @@ fn of_design(lens: &str, args: &DesignArgs) -> Guard {
 fn of_exposure(args: &ExposeArgs) -> Result<Guard> {
     let guard =
         args.film.iter().fold(Guard::default(), |guard, film| guard.reads_chart("film", split_group(film).0));
-    let guard = args.sensor.iter().fold(guard, |guard, sensor| reads_sensor(guard, sensor));
+    let guard = args.sensor.iter().fold(guard, |guard, sensor| guard.reads_sensor(sensor, &args.set));
     let guard = args.lens.iter().fold(guard, |guard, lens| guard.reads_lens(lens));
     let guard = args.chief_ray_angles.iter().fold(guard, |g, table| g.reads("--chief-ray-angles", table));
     let guard = args.motion.iter().fold(guard, |guard, table| guard.reads("--motion", table));
@@ -233,7 +231,7 @@ fn of_exposure(args: &ExposeArgs) -> Result<Guard> {
 fn of_shot(args: &ShootArgs) -> Guard {
     let guard = Guard::default().reads_chart("chart", &args.chart).reads_surfaces(&args.surfaces);
     let guard = guard.reads_lens(&args.lens).reads_glasses(&args.tracing).reads_ghosts(&args.veil.ghosts);
-    let guard = reads_sensor(guard, &args.sensor);
+    let guard = guard.reads_sensor(&args.sensor, &[]);
     let directory = if args.keep.is_some() { "--keep" } else { "the temporary directory" };
     let guard = guard.writes("OUT", &args.out).writes_in(directory, &shoot::directory(args), shoot::STORES);
     match shoot::is_negative(&args.out) {
@@ -247,19 +245,6 @@ fn entries(source: &Path) -> Vec<PathBuf> {
     match std::fs::read_dir(source) {
         Ok(entries) => entries.flatten().map(|entry| entry.path()).collect(),
         Err(_) => vec![source.into()],
-    }
-}
-
-/// Glass catalogues beside a design.
-fn catalogues(name: &str) -> Vec<PathBuf> {
-    let is_file = Path::new(name).metadata().is_ok_and(|m| m.is_file());
-    if is_builtin(name) || !is_file { Vec::new() } else { catalogues_of(Path::new(name)) }
-}
-
-fn reads_sensor(guard: Guard, name: &str) -> Guard {
-    match builtin_names().contains(&name) {
-        true => guard,
-        false => guard.reads("sensor description", Path::new(name)),
     }
 }
 

@@ -77,6 +77,16 @@ pub fn coating_tables(path: &Path) -> Vec<PathBuf> {
     toml::tables_beside(&String::from_utf8_lossy(&bytes)).iter().map(|name| folder.join(name)).collect()
 }
 
+/// Files beside the design with the name of its coating file, ignoring case, sorted.
+pub(super) fn named_beside(design: &Path, name: &str) -> Vec<PathBuf> {
+    let folder = design.parent().filter(|d| !d.as_os_str().is_empty()).unwrap_or(Path::new("."));
+    let paths = std::fs::read_dir(folder).into_iter().flatten().flatten().map(|entry| entry.path());
+    let mut found: Vec<PathBuf> =
+        paths.filter(|path| path.file_name().is_some_and(|n| n.eq_ignore_ascii_case(name))).collect();
+    found.sort();
+    found
+}
+
 impl DesignCoatings {
     /// The coating file that the design names, in its archive or beside it; without one, the built-in coatings.
     fn file(&self, primary_um: f64) -> Result<CoatingFile> {
@@ -84,16 +94,7 @@ impl DesignCoatings {
         if let Some(member) = self.members.iter().find(|m| m.name.eq_ignore_ascii_case(name)) {
             return dat::parse(&member.data, primary_um).with_context(|| format!("reading {}", member.name));
         }
-        let folder = self.path.parent().filter(|d| !d.as_os_str().is_empty()).unwrap_or(Path::new("."));
-        let is_it = |path: &PathBuf| path.file_name().is_some_and(|n| n.eq_ignore_ascii_case(name.as_str()));
-        let mut found: Vec<PathBuf> = std::fs::read_dir(folder)
-            .into_iter()
-            .flatten()
-            .flatten()
-            .map(|e| e.path())
-            .filter(is_it)
-            .collect();
-        found.sort();
+        let found = named_beside(&self.path, name);
         let same_case = found.iter().position(|path| path.file_name().is_some_and(|n| n == name.as_str()));
         let path = match (&found[..], same_case) {
             ([], _) => return Ok(CoatingFile::default()),

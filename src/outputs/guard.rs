@@ -2,6 +2,7 @@
 //! input but a text, which is read from its beginning to its end. What does not exist yet can be created where it is to lie.
 
 use super::place::{Place, Relation};
+use crate::design::{files_beside, is_design};
 use crate::failure::{other_job, usage};
 use crate::open::is_builtin;
 use anyhow::{Context, Result};
@@ -69,9 +70,14 @@ impl Guard {
         self.reads_as(what, spec, files_of(spec))
     }
 
-    /// Adds a lens pack or a design; nothing of a built-in lens.
+    /// Adds a lens pack, or a design with the catalogues and coatings beside it; nothing of a built-in lens.
     pub fn reads_lens(self, name: &str) -> Self {
-        if is_builtin(name) { self } else { self.reads("lens", Path::new(name)) }
+        if is_builtin(name) {
+            return self;
+        }
+        let guard = self.reads("lens", Path::new(name));
+        let beside = if is_design(name) { files_beside(Path::new(name)) } else { Vec::new() };
+        beside.iter().fold(guard, |guard, path| guard.reads_text("file beside the design", path))
     }
 
     /// Adds an output: `argument` is its flag or the name of its position.

@@ -3,7 +3,8 @@
 use super::guard::Guard;
 use crate::args::{BuiltArgs, CoatingsArg, DepthArgs, GhostArgs, RunArgs, TracingArgs};
 use crate::design::coating_tables;
-use std::path::PathBuf;
+use formats::sensor::{builtin_names, sensor_tables};
+use std::path::{Path, PathBuf};
 
 impl Guard {
     /// Inputs and the film of a job.
@@ -18,6 +19,16 @@ impl Guard {
             .reads_glasses(&args.tracing)
             .reads_tolerances(&args.built)
             .reads_ghosts(&args.veil.ghosts)
+    }
+
+    /// Adds the description of a sensor with the tables that it or `set` (`FIELD=VALUE`) names; nothing of a built-in sensor.
+    pub fn reads_sensor(self, name: &str, set: &[String]) -> Self {
+        if builtin_names().contains(&name) {
+            return self;
+        }
+        let guard = self.reads("sensor description", Path::new(name));
+        let tables = sensor_tables(Path::new(name), set);
+        tables.iter().fold(guard, |guard, path| guard.reads("table of the sensor", path))
     }
 
     /// Adds a description of manufacturing errors.

@@ -237,6 +237,40 @@ fn devices_fifos_and_sockets_are_not_replaced() {
 
 /// Each command line ends at once, though nothing writes into the FIFO; a text may come through one.
 #[test]
+fn files_that_an_input_names_or_that_lie_beside_it_are_not_replaced() {
+    let dir = tempfile::tempdir().unwrap();
+    let at = |name: &str| dir.path().join(name);
+    std::fs::write(at("sensor.toml"), "[spectral]\nfile = \"qe.csv\"\n").unwrap();
+    lenscube("", &["lens", "convert", "phone", text(&at("lens.zmx"))]).ok();
+    for (name, link) in [("qe.csv", "qe.png"), ("g.agf", "g.npy")] {
+        std::fs::write(at(name), "mine").unwrap();
+        symlink(at(name), at(link)).unwrap();
+    }
+    let (sensor, set) = (at("sensor.toml"), "crosstalk.file=\"qe.csv\"");
+    let (design, table, glass) = (at("lens.zmx"), at("qe.png"), at("g.npy"));
+    let [sensor, design, table, glass] = [&sensor, &design, &table, &glass].map(|path| text(path));
+    let chart = "gen:composite?size=64";
+    for words in [
+        &["sensor", chart, table, "--sensor", sensor, "--exposure", "1ms", "--overwrite"][..],
+        &["sensor", chart, table, "--sensor", sensor, "--set", set, "--exposure", "1ms", "--overwrite"],
+        &["shoot", chart, table, "--lens", "phone", "--sensor", sensor, "--overwrite"],
+        &["lens", "psf", design, glass, "--overwrite"],
+        &["shoot", chart, glass, "--lens", design, "--sensor", "example-2um", "--overwrite"],
+        &["develop", "raw.zarr", glass, "--shading", design, "--overwrite"],
+    ] {
+        let ran = lenscube("", words);
+        assert!(
+            ran.code == 2 && ran.stderr.contains("which this command reads"),
+            "{words:?}: {}",
+            ran.stderr
+        );
+    }
+    for name in ["qe.csv", "g.agf"] {
+        assert_eq!(std::fs::read(at(name)).unwrap(), b"mine");
+    }
+}
+
+#[test]
 fn fifos_are_no_inputs_but_texts() {
     let dir = tempfile::tempdir().unwrap();
     let at = |name: &str| dir.path().join(name);

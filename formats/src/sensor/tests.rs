@@ -80,10 +80,33 @@ fn set_replaces_fields_and_names_what_is_wrong() {
         ("noise.pnru=0", "unknown field `pnru`"),
         ("noise.prnu=lots", "expected f64"),
         ("noise.prnu=0.5", "noise.prnu: expected 0 to 0.2, found 0.5"),
+        ("schema=x", "schema of a description cannot be replaced"),
+        ("angle.acceptance_deg=20", "missing field `stack_index`"),
     ] {
         let error = set(&[word]).unwrap_err().to_string();
         assert!(error.contains(expected), "{word}: {error}");
     }
+    for words in [
+        ["angle.acceptance_deg=20", "angle.stack_index=1.5"],
+        ["angle.stack_index=1.5", "angle.acceptance_deg=20"],
+    ] {
+        set(&words).unwrap();
+    }
+}
+
+#[test]
+fn tables_of_a_description_are_those_that_it_and_set_name() {
+    let directory = tempfile::tempdir().unwrap();
+    let path = directory.path().join("sensor.toml");
+    let text = "schema = \"lenscube/sensor/1\"\n[spectral]\nfile = \"qe.csv\"\nfilters = [\"ir.csv\"]\n[[plate]]\nfile = \"plate.csv\"\n\
+                [angle.filters.red]\nfile = \"red.csv\"\n[crosstalk]\nfile = \"a.csv\"\n";
+    std::fs::write(&path, text).unwrap();
+    let found: BTreeSet<PathBuf> =
+        sensor_tables(&path, &["crosstalk.file=\"xt.csv\"".to_owned()]).into_iter().collect();
+    let expected =
+        ["ir.csv", "plate.csv", "qe.csv", "red.csv", "xt.csv"].map(|name| directory.path().join(name));
+    assert_eq!(found, BTreeSet::from(expected));
+    assert_eq!(sensor_tables(&directory.path().join("none.toml"), &[]), Vec::<PathBuf>::new());
 }
 
 #[test]

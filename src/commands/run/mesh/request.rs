@@ -5,10 +5,8 @@
 //! Where one of the two differs the scene is made, and the jobs are compared in full.
 
 use crate::args::{ProcessArgs, RunArgs};
-use crate::design::{catalogues_of, is_design};
 use crate::film::digest;
 use crate::job::numeric_version;
-use crate::open::is_builtin;
 use crate::outputs::Guard;
 use anyhow::Result;
 use formats::durable::{Store, is_url, link_target};
@@ -24,10 +22,7 @@ pub const MESH: &str = "mesh";
 /// The request of `args`, as the film records it; `None` if a file of the lens is at a URL.
 pub fn request(args: &RunArgs) -> Option<Value> {
     let files = Guard::default().reads_optics(args);
-    let beside =
-        (!is_builtin(&args.lens) && is_design(&args.lens)).then(|| catalogues_of(Path::new(&args.lens)));
-    let files = files.inputs().map(Path::to_path_buf).chain(beside.into_iter().flatten());
-    let states = files.map(|file| state(&file)).collect::<Option<Vec<_>>>()?;
+    let states = files.inputs().map(state).collect::<Option<Vec<_>>>()?;
     // Without what changes no pixel.
     let job = RunArgs {
         chart: String::new(),
