@@ -135,7 +135,7 @@ fn check_apart(args: &DatasetArgs, recipe: &Recipe, folder: &Path, pictures: &[P
     let guard = recipe.pictures.masks.iter().fold(guard, |g, path| g.reads("masks", &folder.join(path)));
     let guard = optics::files(recipe, folder).iter().fold(guard, |g, path| g.reads("lens", path));
     let sensors = recipe.sensor.iter().flat_map(|s| &s.name.0).filter(|name| folder.join(name).exists());
-    sensors.fold(guard, |g, name| g.reads("sensor description", &folder.join(name))).check()?;
+    sensors.fold(guard, |g, name| g.reads_sensor(&folder.join(name).to_string_lossy(), &[])).check()?;
     // Pictures may be many: their folders are resolved once.
     let out = resolve_links(&args.out);
     let mut folders = BTreeSet::new();
@@ -159,7 +159,9 @@ fn check_apart(args: &DatasetArgs, recipe: &Recipe, folder: &Path, pictures: &[P
 /// An error of the data set with its exit code.
 fn coded(error: DatasetError) -> anyhow::Error {
     match error {
-        DatasetError::OtherRecipe { .. } | DatasetError::Fewer { .. } => other_job(error.to_string()),
+        DatasetError::OtherRecipe { .. } | DatasetError::Fewer { .. } | DatasetError::Replaced { .. } => {
+            other_job(error.to_string())
+        }
         DatasetError::Foreign { .. } => Coded { code: code::OTHER_JOB, message: error.to_string() }.into(),
         error => error.into(),
     }

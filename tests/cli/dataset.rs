@@ -351,6 +351,27 @@ fn damaged_units_are_found_and_made_again() {
     folder.dataset("out", &[]).ok();
     assert!(files(&out) == whole);
     lenscube(&["verify", text(&out)]).ok();
+    fs::write(out.join("samples.jsonl"), "").unwrap();
+    let found = lenscube(&["verify", text(&out), "--repair"]);
+    assert!(found.code == 4 && found.stdout.contains("damaged: samples.jsonl"), "{}", found.stdout);
+    folder.dataset("out", &[]).ok();
+    assert!(files(&out) == whole);
+}
+
+#[test]
+fn a_picture_among_cubes_is_reported_and_skipped() {
+    let folder = Folder::new(1);
+    let chart = folder.at("in/a.zarr");
+    let flags = ["--film-size", "64", "--film-pitch-um", "2", "--wavelengths", "450,550,650"];
+    lenscube(&[&["chart", "composite", text(&chart)][..], &flags].concat()).ok();
+    folder.recipe("", "film = \"npy\"");
+    let result = folder.dataset("out", &[]);
+    assert_eq!(result.code, 4, "{}", result.stderr);
+    assert!(
+        result.stderr.contains("p0.png") && result.stderr.contains("expected a cube"),
+        "{}",
+        result.stderr
+    );
 }
 
 #[test]

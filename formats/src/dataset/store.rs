@@ -2,7 +2,6 @@
 
 mod verify;
 
-use std::fs::File;
 use std::io::Write;
 use std::path::{Path, PathBuf};
 
@@ -12,7 +11,9 @@ use super::recipe::Layout;
 use super::tar::Tar;
 pub use super::zarr::ArraySpec;
 use super::zarr::{group, shard};
-use crate::durable::{AtomicFile, Directory, DurableError, Removal, Store, create_directories, fault_point};
+use crate::durable::{
+    AtomicFile, Batch, Directory, DurableError, Removal, Store, create_directories, fault_point,
+};
 pub use verify::Finding;
 
 const RECORD: &str = "dataset.json";
@@ -53,6 +54,12 @@ pub enum DatasetError {
         found: u64,
         /// Those of the recipe.
         expected: u64,
+    },
+    /// Replaced or removed since it was opened.
+    #[error("{} was replaced or removed by another process meanwhile: what this one made since is lost", .path.display())]
+    Replaced {
+        /// The data set.
+        path: PathBuf,
     },
     /// No data set, or not only one.
     #[error("{}: {problem}", .path.display())]
@@ -111,14 +118,11 @@ pub struct Sample {
     pub items: Vec<Item>,
 }
 
-/// A data set.
+/// A data set. It works through a handle on its folder: if another one replaces it at its path, nothing is written to the new one.
 #[derive(Clone, Debug)]
 pub struct DatasetStore {
     path: PathBuf,
-    /// Its files, flushed when their unit is complete.
-    files: Store,
-    /// Records, flushed at once.
-    records: Store,
+    files: Directory,
     spec: DatasetSpec,
 }
 
@@ -142,7 +146,24 @@ impl DatasetSpec {
         unit * self.per_unit..((unit + 1) * self.per_unit).min(self.samples)
     }
 
-    fn to_json(&self) -> Value {
+    /// Metadata of its Zarr store by key.
+    fn metadata(&self) -> Vec<(String, Vec<u8>)> {
+        if self.layout != Layout::Zarr {
+            return Vec::new();
+        }
+        let of_array = |array: &ArraySpec| {
+            let metadata = array.metadata(self.samples, self.per_unit);
+            (format!("{ZARR}/{}/zarr.json", array.name), pretty(&metadata))
+        };
+        let mut all: Vec<_> = self.arrays.iter().map(of_array).collect();
+        all.push((format!("{ZARR}/zarr.json"), pretty(&group(self.attributes.clone()))));
+        all
+    }
+
+    /// Its record, with the digests of `metadata`.
+    fn to_json(&self, metadata: &[(String, Vec<u8>)]) -> Value {
+        let digest =
+            |(key, bytes): &(String, Vec<u8>)| (key.clone(), blake3::hash(bytes).to_hex().as_str().into());
         let arrays =
             self.arrays.iter().map(|a| json!({"name": a.name, "shape": a.shape, "bytes": a.bytes()}));
         json!({
@@ -152,6 +173,7 @@ impl DatasetSpec {
             "samples_per_unit": self.per_unit,
             "as": self.layout,
             "arrays": arrays.collect::<Vec<Value>>(),
+            "metadata": metadata.iter().map(digest).collect::<Map<String, Value>>(),
             "record": self.record,
         })
     }
@@ -189,23 +211,37 @@ impl DatasetStore {
                 create_directories(path, true)?;
             }
         }
-        let store = Self {
-            path: path.into(),
-            files: Store::at(path)?.with_fsync(false),
-            records: Store::at(path)?,
-            spec,
-        };
+        let store = Self { path: path.into(), files: opened(path)?, spec };
         // Of killed processes.
-        store.files.sweep()?;
-        if old_samples < store.spec.samples {
+        Store::Directory(store.files.clone()).sweep()?;
+        let begun = store.begin(old_samples);
+        store.check_in_place()?;
+        begun.map(|()| store)
+    }
+
+    /// Removes what `old_samples` samples had and those of now have not, and writes the metadata and the record.
+    fn begin(&self, old_samples: u64) -> Result<(), DatasetError> {
+        if old_samples < self.spec.samples {
             // The last unit had fewer samples than it has now.
-            store.records.remove(ALL)?;
-            if !old_samples.is_multiple_of(store.spec.per_unit) {
-                store.records.remove(&lines_key(old_samples / store.spec.per_unit))?;
+            self.files.remove(ALL)?;
+            if !old_samples.is_multiple_of(self.spec.per_unit) {
+                self.files.remove(&lines_key(old_samples / self.spec.per_unit))?;
             }
         }
-        store.write_metadata()?;
-        Ok(store)
+        let metadata = self.spec.metadata();
+        for (key, bytes) in &metadata {
+            self.files.write(key, bytes)?;
+        }
+        Ok(self.files.write(RECORD, &pretty(&self.spec.to_json(&metadata)))?)
+    }
+
+    /// Fails if another data set is at its path, or none.
+    fn check_in_place(&self) -> Result<(), DatasetError> {
+        let is_own = |record: Option<Value>| record.is_some_and(|r| r["digest"] == self.spec.digest.as_str());
+        match Store::Directory(self.files.clone()).is_in_place()? && is_own(recorded(&self.path)?) {
+            true => Ok(()),
+            false => Err(DatasetError::Replaced { path: self.path.clone() }),
+        }
     }
 
     /// Fails where [`DatasetStore::create`] would, and changes nothing.
@@ -220,18 +256,6 @@ impl DatasetStore {
             Some(_) => Ok(()),
             None => check_empty(path),
         }
-    }
-
-    fn write_metadata(&self) -> Result<(), DatasetError> {
-        if self.spec.layout == Layout::Zarr {
-            for array in &self.spec.arrays {
-                let metadata = array.metadata(self.spec.samples, self.spec.per_unit);
-                self.records.write(&format!("{ZARR}/{}/zarr.json", array.name), pretty(&metadata))?;
-            }
-            let group = group(self.spec.attributes.clone());
-            self.records.write(&format!("{ZARR}/zarr.json"), pretty(&group))?;
-        }
-        Ok(self.records.write(RECORD, pretty(&self.spec.to_json()))?)
     }
 
     /// Its folder.
@@ -249,13 +273,13 @@ impl DatasetStore {
     /// # Errors
     /// [`DatasetError::Storage`].
     pub fn has(&self, unit: u64) -> Result<bool, DatasetError> {
-        Ok(self.records.size_of(&lines_key(unit))?.is_some())
+        Ok(self.files.size_of(&lines_key(unit))?.is_some())
     }
 
     /// Writes a unit: its items, then its lines.
     ///
     /// # Errors
-    /// [`DatasetError::Storage`].
+    /// [`DatasetError::Storage`]; [`DatasetError::Replaced`].
     ///
     /// # Panics
     /// The samples are not those of the unit, in order.
@@ -272,60 +296,49 @@ impl DatasetStore {
             lines.push_str(&Value::from(line).to_string());
             lines.push('\n');
         }
-        let written = match self.spec.layout {
-            Layout::Folders => self.write_folder(unit, &samples)?,
-            Layout::Tar => self.write_tar(unit, &samples, &lines)?,
-            Layout::Zarr => self.write_shards(unit, &samples)?,
+        let written = self.write_items(unit, &samples, &lines).and_then(|()| {
+            fault_point("unit-written");
+            Ok(self.files.write(&lines_key(unit), lines.as_bytes())?)
+        });
+        // Of a data set that was replaced, that is the error.
+        self.check_in_place()?;
+        written
+    }
+
+    /// Writes the items of a unit, durably.
+    fn write_items(&self, unit: u64, samples: &[Sample], lines: &str) -> Result<(), DatasetError> {
+        let mut batch = Batch::new(self.files.clone());
+        let mut stage = |name: &str, bytes: &[u8]| {
+            if batch.is_due() {
+                batch.commit()?;
+            }
+            batch.stage(name, 0, bytes)
         };
-        for key in written {
-            let path = self.path.join(key);
-            let file = File::open(&path).map_err(|e| DurableError::io("open", &path, 0, e))?;
-            file.sync_all().map_err(|e| DurableError::io("flush", &path, 0, e))?;
-        }
-        fault_point("unit-written");
-        Ok(self.records.write(&lines_key(unit), lines)?)
-    }
-
-    fn write_folder(&self, unit: u64, samples: &[Sample]) -> Result<Vec<String>, DatasetError> {
-        let mut written = Vec::new();
-        for sample in samples {
-            for item in &sample.items {
-                let name =
-                    format!("{unit:0UNIT_DIGITS$}/{}.{}.{}", key(sample.number), item.name, item.ending);
-                self.files.write(&name, item.bytes.clone())?;
-                written.push(name);
+        match self.spec.layout {
+            Layout::Folders => {
+                for (sample, item) in samples.iter().flat_map(|s| s.items.iter().map(move |item| (s, item))) {
+                    let name =
+                        format!("{unit:0UNIT_DIGITS$}/{}.{}.{}", key(sample.number), item.name, item.ending);
+                    stage(&name, &item.bytes)?;
+                }
+            }
+            Layout::Tar => stage(&format!("{unit:0UNIT_DIGITS$}.tar"), &tar_of(samples, lines))?,
+            Layout::Zarr => {
+                for array in &self.spec.arrays {
+                    let name = format!("{ZARR}/{}", array.key(unit));
+                    stage(&name, &self.shard_of(array, samples, &name)?)?;
+                }
             }
         }
-        Ok(written)
+        Ok(batch.commit()?)
     }
 
-    fn write_tar(&self, unit: u64, samples: &[Sample], lines: &str) -> Result<Vec<String>, DatasetError> {
-        let mut tar = Tar::default();
-        for (sample, line) in samples.iter().zip(lines.lines()).filter(|(sample, _)| !sample.items.is_empty())
-        {
-            for item in &sample.items {
-                tar.add(&format!("{}.{}.{}", key(sample.number), item.name, item.ending), &item.bytes);
-            }
-            tar.add(&format!("{}.json", key(sample.number)), line.as_bytes());
-        }
-        let name = format!("{unit:0UNIT_DIGITS$}.tar");
-        self.files.write(&name, tar.finish())?;
-        Ok(vec![name])
-    }
-
-    fn write_shards(&self, unit: u64, samples: &[Sample]) -> Result<Vec<String>, DatasetError> {
-        let mut written = Vec::new();
-        for array in &self.spec.arrays {
-            let of = |sample: &Sample| sample.items.iter().position(|item| item.name == array.name);
-            let all: Vec<&[u8]> =
-                samples.iter().map(|s| of(s).map_or(&[][..], |i| &s.items[i].bytes)).collect();
-            let name = format!("{ZARR}/{}", array.key(unit));
-            let bytes = shard(&all, self.spec.per_unit)
-                .map_err(|e| DurableError::io("encode", &self.path.join(&name), 0, e))?;
-            self.files.write(&name, bytes)?;
-            written.push(name);
-        }
-        Ok(written)
+    /// The shard `name` of `array`.
+    fn shard_of(&self, array: &ArraySpec, samples: &[Sample], name: &str) -> Result<Vec<u8>, DatasetError> {
+        let of = |sample: &Sample| sample.items.iter().position(|item| item.name == array.name);
+        let all: Vec<&[u8]> = samples.iter().map(|s| of(s).map_or(&[][..], |i| &s.items[i].bytes)).collect();
+        let encoded = shard(&all, self.spec.per_unit);
+        Ok(encoded.map_err(|e| DurableError::io("encode", &self.path.join(name), 0, e))?)
     }
 
     /// Joins the lines of all units, if all are complete; whether they are.
@@ -338,14 +351,16 @@ impl DatasetStore {
                 return Ok(false);
             }
         }
+        self.check_in_place()?;
         let path = self.path.join(ALL);
         let file = AtomicFile::create(&path)?;
         for unit in 0..self.spec.units() {
             let lines = self.lines(unit)?;
             file.writer().write_all(lines.as_bytes()).map_err(|e| DurableError::io("write", &path, 0, e))?;
         }
+        self.check_in_place()?;
         file.finish()?;
-        Ok(true)
+        self.check_in_place().map(|()| true)
     }
 
     /// Lines of a complete unit.
@@ -356,7 +371,7 @@ impl DatasetStore {
         let key = lines_key(unit);
         let foreign =
             |problem: &str| DatasetError::Foreign { path: self.path.join(&key), problem: problem.into() };
-        let bytes = self.records.read_at_most(&key, MAX_LINES)?.ok_or_else(|| foreign("no such file"))?;
+        let bytes = self.files.read_at_most(&key, MAX_LINES)?.ok_or_else(|| foreign("no such file"))?;
         String::from_utf8(bytes).map_err(|_| foreign("expected lines of JSON, found other bytes"))
     }
 
@@ -381,6 +396,23 @@ impl DatasetStore {
             _ => Ok(()),
         }
     }
+}
+
+/// A handle on the folder of the data set at `path`.
+fn opened(path: &Path) -> Result<Directory, DatasetError> {
+    Directory::new(path).opened()?.ok_or_else(|| DatasetError::Replaced { path: path.into() })
+}
+
+/// The archive of the samples of a unit with their `lines`.
+fn tar_of(samples: &[Sample], lines: &str) -> Vec<u8> {
+    let mut tar = Tar::default();
+    for (sample, line) in samples.iter().zip(lines.lines()).filter(|(sample, _)| !sample.items.is_empty()) {
+        for item in &sample.items {
+            tar.add(&format!("{}.{}.{}", key(sample.number), item.name, item.ending), &item.bytes);
+        }
+        tar.add(&format!("{}.json", key(sample.number)), line.as_bytes());
+    }
+    tar.finish()
 }
 
 /// Fails if there are files of others in the folder at `path`. Those that a data set has are of a process that creates it at the same time.

@@ -79,6 +79,11 @@ impl Bands {
         &self.wavelengths_nm
     }
 
+    /// Whether pictures have red, green and blue; else they are cubes.
+    pub fn are_of_colours(&self) -> bool {
+        !self.of_rgb.is_empty()
+    }
+
     /// Whether red, green and blue are bands.
     pub fn are_colours(&self) -> bool {
         self.are_colours

@@ -128,7 +128,10 @@ impl Picture {
     pub fn wavelengths_nm(&self) -> Result<Option<Vec<f64>>> {
         match self {
             Self::Image(_) => Ok(None),
-            Self::Cube(chart) => Ok(Some(chart.wavelengths_nm()?)),
+            Self::Cube(chart) => match chart.wavelengths_nm() {
+                Ok(nm) => Ok(Some(nm)),
+                Err(e) => Err(open::without_chart_flags(&["--wavelengths"], "CUBE", e.into())),
+            },
         }
     }
 
@@ -138,6 +141,9 @@ impl Picture {
     /// It does not decode; a cube without these wavelengths.
     pub fn bands(self, part: Rect, bands: &Bands) -> Result<Vec<f32>> {
         match self {
+            Self::Image(_) if !bands.are_of_colours() => Err(anyhow!(
+                "expected a cube, as the first of pictures.files is, found a picture in colour or grey"
+            )),
             Self::Image(file) => {
                 let channels = if file.is_grey() { 1 } else { 3 };
                 let linear = file.linear_part(Transfer::Srgb, part)?;

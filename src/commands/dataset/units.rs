@@ -1,5 +1,6 @@
 //! The units of a data set on all threads: samples in any order, a unit written when its last sample is made.
 
+use super::coded;
 use super::sample::Maker;
 use crate::args::Part;
 use crate::progress::{counting, interrupt};
@@ -72,7 +73,7 @@ pub fn make(maker: &Maker<'_>, store: &DatasetStore, units: &[u64], threads: usi
             failed: samples.iter().filter(|s| s.items.is_empty()).count() as u64,
             bytes: samples.iter().flat_map(|s| &s.items).map(|item| item.bytes.len() as u64).sum(),
         };
-        store.write_unit(unit, samples)?;
+        store.write_unit(unit, samples).map_err(coded)?;
         done.lock().expect("no panic while held").add(made);
         Ok(())
     };

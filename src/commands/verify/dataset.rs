@@ -27,11 +27,12 @@ pub fn verify(args: &VerifyArgs) -> Result<Option<u8>> {
         progress(unit + 1, units);
     }
     bar.finish_and_clear();
-    if findings.is_empty() && !store.is_finished()? {
-        log_line("note: samples.jsonl is missing; the same `lenscube dataset` writes it");
+    if findings.is_empty() {
+        findings = store.verify_common().with_context(|| path.display().to_string())?;
     }
-    let damaged: BTreeSet<u64> = findings.iter().map(|finding| finding.unit).collect();
-    if args.repair {
+    let damaged: BTreeSet<u64> = findings.iter().filter_map(|finding| finding.unit).collect();
+    if args.repair && !findings.is_empty() {
+        store.forget_all_lines()?;
         for unit in &damaged {
             store.forget(*unit)?;
         }
@@ -51,11 +52,12 @@ pub fn verify(args: &VerifyArgs) -> Result<Option<u8>> {
             0 => print(format!("{} is correct: no defect in {samples}, {size}", path.display())),
             n => print(format!("{}: {} in {samples}, {size}", path.display(), plural(n, "defect"))),
         }
-        if args.repair && !damaged.is_empty() {
-            log_line(format!(
-                "{} will be made again by the same `lenscube dataset`",
-                plural(damaged.len(), "unit")
-            ));
+        if args.repair && !findings.is_empty() {
+            let what = match damaged.len() {
+                0 => "what all samples have in common".to_owned(),
+                n => plural(n, "unit"),
+            };
+            log_line(format!("{what} will be made again by the same `lenscube dataset`"));
         }
     }
     Ok(Some(if findings.is_empty() { 0 } else { code::WRONG }))

@@ -95,6 +95,50 @@ fn damage_and_loss_are_found_in_every_layout() {
 }
 
 #[test]
+fn what_units_have_in_common_is_verified() {
+    for layout in [Layout::Folders, Layout::Zarr] {
+        let directory = tempfile::tempdir().unwrap();
+        let path = directory.path().join("out");
+        fill(&DatasetStore::create(&path, spec(layout, 6)).unwrap());
+        let store = DatasetStore::open(&path).unwrap();
+        assert_eq!(store.verify_common().unwrap(), []);
+        let keys = [ALL, "data.zarr/zarr.json", "data.zarr/film/zarr.json"];
+        for key in &keys[..if layout == Layout::Zarr { 3 } else { 1 }] {
+            let good = std::fs::read(path.join(key)).unwrap();
+            let mut flipped = good.clone();
+            flipped[good.len() / 2] ^= 1;
+            for bad in [&flipped[..], &good[..good.len() - 1], &[&good[..], b"x"].concat(), b""] {
+                std::fs::write(path.join(key), bad).unwrap();
+                let expected = Finding { kind: "damaged", key: (*key).into(), unit: None };
+                assert_eq!(store.verify_common().unwrap(), [expected], "{key}");
+            }
+            std::fs::remove_file(path.join(key)).unwrap();
+            assert_eq!(store.verify_common().unwrap()[0].kind, "missing", "{key}");
+            std::fs::write(path.join(key), &good).unwrap();
+        }
+        store.forget_all_lines().unwrap();
+        fill(&DatasetStore::create(&path, spec(layout, 6)).unwrap());
+        assert_eq!(store.verify_common().unwrap(), []);
+    }
+}
+
+#[test]
+fn a_store_that_was_replaced_gets_no_unit() {
+    for digest in ["abc", "other"] {
+        let directory = tempfile::tempdir().unwrap();
+        let path = directory.path().join("out");
+        let store = DatasetStore::create(&path, spec(Layout::Folders, 6)).unwrap();
+        DatasetStore::remove(&path).unwrap();
+        let new = DatasetSpec { digest: digest.into(), ..spec(Layout::Folders, 6) };
+        let new = DatasetStore::create(&path, new).unwrap();
+        let samples = store.spec().of_unit(0).map(|k| sample(k, Layout::Folders)).collect();
+        assert!(matches!(store.write_unit(0, samples), Err(DatasetError::Replaced { .. })), "{digest}");
+        assert!(!new.has(0).unwrap() && !path.join("000000").exists());
+        assert!(matches!(store.finish(), Ok(false) | Err(DatasetError::Replaced { .. })));
+    }
+}
+
+#[test]
 fn files_of_others_are_neither_used_nor_removed() {
     let directory = tempfile::tempdir().unwrap();
     let path = directory.path().join("out");

@@ -1,6 +1,8 @@
 //! Reads a data set back: every item has the length and the digest of its line.
 
 use std::collections::HashMap;
+use std::fs::File;
+use std::io::{BufRead, BufReader, ErrorKind, Read};
 use std::path::Path;
 
 use serde_json::{Map, Value};
@@ -9,7 +11,7 @@ use super::{ALL, DatasetError, DatasetSpec, DatasetStore, UNIT_DIGITS, ZARR, key
 use crate::dataset::recipe::Layout;
 use crate::dataset::tar::entries;
 use crate::dataset::zarr::samples;
-use crate::durable::Store;
+use crate::durable::DurableError;
 
 /// A missing or damaged part.
 #[derive(Clone, Debug, PartialEq)]
@@ -18,8 +20,8 @@ pub struct Finding {
     pub kind: &'static str,
     /// The unit's file or the item.
     pub key: String,
-    /// Its unit.
-    pub unit: u64,
+    /// Its unit; none of what all have in common.
+    pub unit: Option<u64>,
 }
 
 /// Largest shard and item that are read, bytes.
@@ -49,7 +51,7 @@ impl DatasetStore {
             attributes: Map::new(),
             record: record["record"].as_object().cloned().unwrap_or_default(),
         };
-        Ok(Self { path: path.into(), files: Store::at(path)?, records: Store::at(path)?, spec })
+        Ok(Self { path: path.into(), files: super::opened(path)?, spec })
     }
 
     /// Checks `unit`; what is missing or damaged, and the bytes of its items.
@@ -59,7 +61,7 @@ impl DatasetStore {
     pub fn verify_unit(&self, unit: u64) -> Result<(Vec<Finding>, u64), DatasetError> {
         let lines_key = super::lines_key(unit);
         if !self.has(unit)? {
-            return Ok((vec![Finding { kind: "missing", key: lines_key, unit }], 0));
+            return Ok((vec![Finding { kind: "missing", key: lines_key, unit: Some(unit) }], 0));
         }
         let text = self.lines(unit)?;
         let parsed: Option<Vec<Value>> = text.lines().map(|line| serde_json::from_str(line).ok()).collect();
@@ -67,7 +69,7 @@ impl DatasetStore {
         let lines =
             parsed.filter(|lines| lines.iter().map(|line| line["sample"].as_u64()).eq(numbers.map(Some)));
         let Some(lines) = lines else {
-            return Ok((vec![Finding { kind: "damaged", key: lines_key, unit }], 0));
+            return Ok((vec![Finding { kind: "damaged", key: lines_key, unit: Some(unit) }], 0));
         };
         let (mut findings, mut bytes) = (Vec::new(), 0);
         let mut content = self.content(unit, &lines)?;
@@ -81,11 +83,11 @@ impl DatasetStore {
                     _ => content.remove(&name),
                 };
                 match found {
-                    None => findings.push(Finding { kind: "missing", key: name, unit }),
+                    None => findings.push(Finding { kind: "missing", key: name, unit: Some(unit) }),
                     Some(found) => {
                         let digest = blake3::hash(&found).to_hex();
                         if Some(digest.as_str()) != expected["blake3"].as_str() {
-                            findings.push(Finding { kind: "damaged", key: name, unit });
+                            findings.push(Finding { kind: "damaged", key: name, unit: Some(unit) });
                         }
                         bytes += found.len() as u64;
                     }
@@ -100,8 +102,8 @@ impl DatasetStore {
     /// # Errors
     /// [`DatasetError::Storage`].
     pub fn forget(&self, unit: u64) -> Result<(), DatasetError> {
-        self.records.remove(ALL)?;
-        Ok(self.records.remove(&super::lines_key(unit))?)
+        self.files.remove(ALL)?;
+        Ok(self.files.remove(&super::lines_key(unit))?)
     }
 
     /// Items of a unit that are in one file, by name; none of a damaged file.
@@ -142,17 +144,61 @@ impl DatasetStore {
 
     /// Axes of a sample of the array at `array`, from its metadata.
     fn axes(&self, array: &str) -> Result<usize, DatasetError> {
-        let metadata = self.records.read_at_most(&format!("{array}/zarr.json"), super::MAX_RECORD)?;
+        let metadata = self.files.read_at_most(&format!("{array}/zarr.json"), super::MAX_RECORD)?;
         let metadata: Option<Value> = metadata.and_then(|bytes| serde_json::from_slice(&bytes).ok());
         let shape = metadata.as_ref().and_then(|m| m["shape"].as_array().map(Vec::len));
         Ok(shape.unwrap_or(1).saturating_sub(1).min(8))
     }
 
-    /// Whether the lines of all units have been joined.
+    /// Checks what the units of a data set have in common, of one whose units are intact: the metadata of its Zarr store and the lines of all samples.
     ///
     /// # Errors
     /// [`DatasetError::Storage`].
-    pub fn is_finished(&self) -> Result<bool, DatasetError> {
-        Ok(self.records.size_of(ALL)?.is_some())
+    pub fn verify_common(&self) -> Result<Vec<Finding>, DatasetError> {
+        let mut findings = Vec::new();
+        let mut add = |kind, key: &str| findings.push(Finding { kind, key: key.into(), unit: None });
+        let record = recorded(&self.path)?.unwrap_or_default();
+        for (key, expected) in record["metadata"].as_object().into_iter().flatten() {
+            match self.files.read_at_most(key, super::MAX_RECORD)? {
+                None => add("missing", key),
+                Some(found) if Some(blake3::hash(&found).to_hex().as_str()) != expected.as_str() => {
+                    add("damaged", key);
+                }
+                Some(_) => (),
+            }
+        }
+        match self.has_all_lines()? {
+            None => add("missing", ALL),
+            Some(false) => add("damaged", ALL),
+            Some(true) => (),
+        }
+        Ok(findings)
+    }
+
+    /// Whether the joined lines are those of all units; none if they are missing.
+    fn has_all_lines(&self) -> Result<Option<bool>, DatasetError> {
+        let path = self.path.join(ALL);
+        let io = |e| DurableError::io("read", &path, 0, e);
+        let mut file = match File::open(&path) {
+            Err(e) if e.kind() == ErrorKind::NotFound => return Ok(None),
+            opened => BufReader::new(opened.map_err(io)?),
+        };
+        for unit in 0..self.spec.units() {
+            let expected = self.lines(unit)?;
+            let mut found = Vec::new();
+            file.by_ref().take(expected.len() as u64).read_to_end(&mut found).map_err(io)?;
+            if found != expected.as_bytes() {
+                return Ok(Some(false));
+            }
+        }
+        Ok(Some(file.fill_buf().map_err(io)?.is_empty()))
+    }
+
+    /// Removes the joined lines, so that the same command writes them again.
+    ///
+    /// # Errors
+    /// [`DatasetError::Storage`].
+    pub fn forget_all_lines(&self) -> Result<(), DatasetError> {
+        self.files.remove(ALL).map_err(DatasetError::from)
     }
 }
