@@ -183,7 +183,8 @@ impl RawStore {
         let files: Vec<_> = self.spec.all_shards().into_iter().map(|s| self.shard_file(s)).collect();
         let (bytes, of_shards) = self.group.check_files(&files, threads, progress)?;
         let of_metadata = self.group.check_derived(&self.spec.derived())?;
-        let (level_bytes, of_levels) = self.pyramid().check(threads)?;
+        let is_intact = of_shards.is_empty() && of_metadata.is_empty();
+        let (level_bytes, of_levels) = self.pyramid().check(threads, is_intact)?;
         self.group.check_in_place()?;
         Ok(VerifyReport {
             shards: files.len(),

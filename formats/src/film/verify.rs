@@ -16,7 +16,8 @@ impl FilmStore {
         let (share_bytes, of_shares) = self.check_invented()?;
         let (layer_bytes, of_layers_of_light) = self.check_layers()?;
         let of_metadata = self.group.check_derived(&self.spec.derived())?;
-        let (level_bytes, of_levels) = self.pyramid().check(threads)?;
+        let is_intact = of_shards.is_empty() && of_metadata.is_empty();
+        let (level_bytes, of_levels) = self.pyramid().check(threads, is_intact)?;
         self.group.check_in_place()?;
         Ok(VerifyReport {
             shards: files.len(),

@@ -34,8 +34,9 @@ impl Pyramid<'_> {
         Ok(Some(Stamped { stamp, exists: file.is_some(), in_file, in_list }))
     }
 
-    /// Checks metadata and shards of the pyramid, if there is one; returns the bytes read and the defects.
-    pub(crate) fn check(&self, threads: usize) -> Result<(u64, Vec<Finding>), GroupError> {
+    /// Checks metadata and shards of the pyramid, if there is one; returns the bytes read and the defects. What follows from pixels is compared only with
+    /// those of intact arrays (`is_intact`): the smallest level may be the film itself.
+    pub(crate) fn check(&self, threads: usize, is_intact: bool) -> Result<(u64, Vec<Finding>), GroupError> {
         let finding = |key: &str, reason: String| Finding::Metadata { key: key.into(), reason };
         let Some(stamped) = self.stamped()? else { return Ok((0, Vec::new())) };
         let group_key = metadata_key(PYRAMID_GROUP);
@@ -58,7 +59,7 @@ impl Pyramid<'_> {
         let (bytes, of_shards) = self.group().check_files(&self.shard_files(), threads, &|_, _| ())?;
         findings.extend(of_shards);
         // The attribute `ome` depends on pixels.
-        if findings.is_empty() {
+        if findings.is_empty() && is_intact {
             let group = read_json(&self.group().store, "zarr.json")?.unwrap_or_default();
             if self.listed(group.clone(), &stamped.stamp)? != group {
                 let reason = "it does not list the pyramid as it is; --repair corrects it";

@@ -231,6 +231,21 @@ fn bad_shard_of_a_level_is_found_and_made_again() {
 }
 
 #[test]
+fn bad_shard_of_a_film_that_is_its_only_level_is_found() {
+    let dir = tempfile::tempdir().unwrap();
+    let film = film(&dir.path().join("film.zarr"), Size::new(60, 40), |_| ());
+    assert!(make(&film).unwrap());
+    let key = "film/c/0/0/0";
+    let mut bytes = std::fs::read(film.path().join(key)).unwrap();
+    let middle = bytes.len() / 2;
+    bytes[middle] ^= 16;
+    std::fs::write(film.path().join(key), bytes).unwrap();
+    let findings = film.verify(1, &|_, _| ()).unwrap().findings;
+    assert!(matches!(&findings[..], [Finding::Bad { key: k, .. }] if k == key), "{findings:?}");
+    assert!(film.remove_bad(key).unwrap());
+}
+
+#[test]
 fn pyramid_at_a_url_is_made_and_replaced_when_the_film_changes() {
     let size = Size::new(301, 277);
     let dir = tempfile::tempdir().unwrap();
