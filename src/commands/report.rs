@@ -111,6 +111,21 @@ fn svg_name(side: usize, section: usize, slug: &str, plot: usize) -> String {
     format!("{}{}-{slug}-{}.svg", if side == 0 { "a" } else { "b" }, section + 1, plot + 1)
 }
 
+/// What is measured ([`measures`]), in names of plots.
+const SLUGS: [&str; 8] = ["e-sfr", "noise", "s-sfr", "texture", "distortion", "shading", "glare", "colour"];
+
+/// Whether a file has the name of a plot ([`svg_name`]).
+fn is_plot(name: &str) -> bool {
+    let number = |text: &str| !text.is_empty() && text.bytes().all(|b| b.is_ascii_digit());
+    let parts = name.strip_suffix(".svg").and_then(|name| name.split_once('-'));
+    let Some((first, (slug, last))) = parts.and_then(|(first, rest)| Some((first, rest.rsplit_once('-')?)))
+    else {
+        return false;
+    };
+    let section = first.strip_prefix(['a', 'b']).unwrap_or_default();
+    number(section) && number(last) && SLUGS.contains(&slug)
+}
+
 /// Runs the command.
 ///
 /// # Errors
@@ -190,8 +205,10 @@ fn write(args: &ReportArgs, cameras: &[Camera]) -> Result<()> {
         }
     }
     finish_together(out)?;
-    // Plots of an earlier report that this one does not have.
-    let earlier = files(args)?.into_iter().filter(|name| !names.contains(name));
+    // Plots of an earlier report that this one does not have, also of other charts.
+    let entries =
+        std::fs::read_dir(&args.out)?.flatten().map(|e| e.file_name().to_string_lossy().into_owned());
+    let earlier = entries.filter(|name| args.overwrite && is_plot(name) && !names.contains(name));
     earlier.into_iter().try_for_each(|name| remove_earlier(&args.out.join(name)))?;
     for camera in cameras {
         for section in &camera.sections {

@@ -9,6 +9,7 @@ use crate::commands::measure::edge_mtf::EdgeMtf;
 use crate::commands::measure::edge_region;
 use crate::commands::measure::quality::{self, names};
 use crate::failure::line as message;
+use crate::progress::plural;
 use anyhow::{Context, Result, bail};
 use formats::picture::plot::{Axis, Plot, Series};
 use formats::picture::series::Shape;
@@ -22,6 +23,8 @@ use serde_json::json;
 const HALF_PX: (f64, f64) = (24.0, 6.0);
 /// Half widths of the regions in which a square is sought in turn, over half its side: wide, then without what is beside it.
 const SEARCH: [f64; 2] = [1.6, 1.25];
+/// Share of clipped pixels of a colour from which on an edge is clipped.
+const MAX_CLIPPED: f64 = 0.01;
 /// Edges of a square.
 const SIDES: usize = 4;
 /// Frequency up to which curves are shown, cycles per pixel.
@@ -33,6 +36,7 @@ struct Edge {
     height: f64,
     azimuth_deg: f64,
     measured: EdgeMtf,
+    is_clipped: bool,
 }
 
 /// Measures the edges of the chart.
@@ -155,12 +159,18 @@ fn edge(placed: &Placed<'_>, site: &EdgeSite, by: Position) -> Result<Edge> {
     quality::check_place(guess, line, half)?;
     let middle = ((a.0 + b.0) / 2.0, (a.1 + b.1) / 2.0);
     let measured = EdgeMtf::new((&pixels, rect), line, (middle, length), half, &|_, _| true)?;
+    let colours = placed.picture.colours(rect)?;
     Ok(Edge {
+        is_clipped: colours.iter().any(|c| c.clipped as f64 > MAX_CLIPPED * c.pixels.len() as f64),
         at: line.at_px,
         height: placed.height(line.at_px),
         azimuth_deg: line.normal_rad.to_degrees().rem_euclid(360.0),
         measured,
     })
+}
+
+fn edges_are(n: usize) -> String {
+    format!("{} {}", plural(n, "edge"), if n == 1 { "is" } else { "are" })
 }
 
 /// Mean MTF50 of the edges of which `is` holds; `None` if one has none.
@@ -208,6 +218,10 @@ fn section(placed: &Placed<'_>, args: &ReportArgs, edges: &[Edge], failed: Vec<S
             e.measured.remarks.iter().map(move |r| format!("edge at {:.0},{:.0}: {}", e.at.1, e.at.0, r.text))
         })
         .collect();
+    match edges.iter().filter(|e| e.is_clipped).count() {
+        0 => {}
+        n => remarks.push(format!("{} clipped: the MTF is too high; expose less", edges_are(n))),
+    }
     remarks.extend(failed);
     let mut table = vec![cells(["x", "y", "height", "normal (deg)", "MTF50 (cycles/px)"])];
     table.extend(edges.iter().map(|e| {
@@ -223,7 +237,7 @@ fn section(placed: &Placed<'_>, args: &ReportArgs, edges: &[Edge], failed: Vec<S
         json!({
             "row": e.at.0, "column": e.at.1, "height": e.height, "normal_deg": e.azimuth_deg,
             "mtf50_cy_px": e.measured.mtf.mtf50_cy_px(), "frequency_cy_px": e.measured.mtf.frequency_cy_px,
-            "modulation": e.measured.mtf.modulation, "remarks": names(&e.measured.remarks),
+            "modulation": e.measured.mtf.modulation, "clipped": e.is_clipped, "remarks": names(&e.measured.remarks),
         })
     };
     Section {
