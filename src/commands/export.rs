@@ -104,6 +104,7 @@ fn check_flags(args: &ExportArgs, file: ExportFormatArg) -> Result<()> {
         (args.compression.is_some() && !exr, "--compression", "EXR"),
         (args.max_side.is_some() && !picture, "--max-side", "PNG and TIFF pictures"),
         (args.exposure != "auto" && !picture, "--exposure", "PNG and TIFF pictures"),
+        (args.white != "D65" && !picture, "--white", "PNG and TIFF pictures"),
     ];
     match flags.into_iter().find(|(wrong, ..)| *wrong) {
         Some((_, flag, formats)) => {

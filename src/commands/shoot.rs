@@ -8,7 +8,7 @@ use crate::args::{
     check_directory,
 };
 use crate::camera::recipe::check_white;
-use crate::failure::{replacing_other_job, usage};
+use crate::failure::{replacing_other_job, usage, without_flags};
 use crate::job::UntracedJob;
 use crate::job::lens::UntracedLens;
 use crate::open;
@@ -23,6 +23,13 @@ use pipeline::geometry::Size;
 use std::fs::File;
 use std::io::ErrorKind;
 use std::path::{Path, PathBuf};
+
+/// An error of the film, which names a flag of `lenscube run`.
+fn without_force(error: anyhow::Error) -> anyhow::Error {
+    without_flags(&["--force"], error, || {
+        "free some space, or make the film by `lenscube run`, and then raw and picture".into()
+    })
+}
 
 /// Runs the command and returns its exit code.
 pub fn command(args: &ShootArgs) -> Result<u8> {
@@ -78,6 +85,12 @@ pub fn command(args: &ShootArgs) -> Result<u8> {
         memory: args.memory,
         ..RunArgs::new(&chart, &film)
     };
+    if args.exposure.contains(',') {
+        return Err(usage(format!(
+            "--exposure {}: expected one time; `lenscube sensor` takes several, of which `lenscube develop --merge` makes one picture",
+            args.exposure
+        )));
+    }
     let exposure = ExposeArgs {
         sensor: Some(args.sensor.clone()),
         exposure: Some(args.exposure.clone()),
@@ -106,7 +119,7 @@ pub fn command(args: &ShootArgs) -> Result<u8> {
     step(2, "film");
     let code = replacing_other_job(
         args.overwrite,
-        || run::run_job(&job, None, ProgressArg::Auto),
+        || run::run_job(&job, None, ProgressArg::Auto).map_err(without_force),
         || crate::film::remove(Path::new(&film), false),
     )?;
     if code != 0 {

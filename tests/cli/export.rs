@@ -79,6 +79,7 @@ fn invalid_export_flags_fail_and_write_nothing() {
         ("x.jpeg", &[], 2, "no format has this extension"),
         ("x.npy", &["--half"], 2, "--half applies to EXR only"),
         ("x.exr", &["--exposure", "2"], 2, "--exposure applies to PNG and TIFF pictures only"),
+        ("x.npy", &["--white", "E"], 2, "--white applies to PNG and TIFF pictures only"),
         ("x.npy", &["--crop", "270,0,10,10"], 2, "is not inside the image of"),
         ("x.npy", &["--crop", "0,0,0,10"], 2, "integer from 1"),
         ("x.npy", &["--bands", "7"], 2, "beyond the last of 3 bands"),

@@ -12,7 +12,7 @@ use crate::commands::lens::trace::wavelengths;
 use crate::design::is_design;
 use crate::job::lens::samples::{FieldFigures, LensData, LensSamples, nearest_band};
 use crate::open;
-use crate::progress::print;
+use crate::progress::{log_line, print};
 use anyhow::Result;
 use formats::lens::LensPack;
 use pipeline::figures::kernel_l1;
@@ -67,7 +67,13 @@ fn pack(name: &str) -> Result<Option<LensPack>> {
 fn lens(name: &str, pack: Option<LensPack>, args: &DiffArgs) -> Result<LensData> {
     match pack {
         Some(pack) => Ok(LensData::Pack(Box::new(pack))),
-        None => LensData::open(name, &args.design),
+        None => {
+            let lens = LensData::open(name, &args.design)?;
+            if let LensData::Design(system, _) = &lens {
+                system.notes.iter().for_each(|note| log_line(format!("note: {name}: {note}")));
+            }
+            Ok(lens)
+        }
     }
 }
 

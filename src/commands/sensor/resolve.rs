@@ -171,6 +171,12 @@ impl RawJob {
                 path.display()
             )));
         }
+        if !kept.relative && args.film_scale.is_some() {
+            return Err(usage(format!(
+                "--film-scale is for relative films; that of {} has absolute units",
+                path.display()
+            )));
+        }
         let file = match &args.sensor {
             Some(name) => open_sensor(name, &args.set)?,
             None if args.set.is_empty() => kept.sensor.clone(),

@@ -4,10 +4,9 @@ use super::film::Film;
 use super::geometry::Geometry;
 use super::kept::Kept;
 use super::resolve::{RawJob, Source};
-use crate::progress::counting;
-use crate::progress::interrupt;
+use crate::progress::{counting, data_size, interrupt};
 use anyhow::{Context, Result};
-use formats::durable::{free_bytes, is_url, unnamed_temp_file};
+use formats::durable::{DurableError, free_bytes, is_url, unnamed_temp_file};
 use pipeline::flow::ChartSource;
 use pipeline::geometry::Rect;
 use pipeline::sensor::SignalHistogram;
@@ -91,7 +90,12 @@ pub fn measure(job: &RawJob, directory: &Path) -> Result<Option<Measured>> {
     if free < needed {
         return Err(std::io::Error::new(
             std::io::ErrorKind::StorageFull,
-            format!("{}: the signal takes {needed} bytes for a while, {free} are free", directory.display()),
+            format!(
+                "{}: the signal takes {} for a while, {} are free; free some space, or write RAW elsewhere",
+                directory.display(),
+                data_size(needed),
+                data_size(free)
+            ),
         )
         .into());
     }
@@ -108,7 +112,9 @@ pub fn measure(job: &RawJob, directory: &Path) -> Result<Option<Measured>> {
             }
         }
         let bytes: Vec<u8> = planes[0].iter().flat_map(|v| v.to_le_bytes()).collect();
-        file.write_all_at(&bytes, (first * size.width) as u64 * 4)?;
+        let at = (first * size.width) as u64 * 4;
+        file.write_all_at(&bytes, at)
+            .map_err(|e| DurableError::io("write a temporary file in", directory, bytes.len() as u64, e))?;
         progress((first + planes[0].len() / size.width) as u64, size.height as u64);
         Ok(())
     };

@@ -54,6 +54,10 @@ fn bad_input_is_one_clear_error() {
         &["adc.gain_dn_per_e", "1 DN above the black of 254 DN"],
     );
     bad(&with("example-2um", &["--exposure", "1ms", "--memory", "50MiB"]), &["too small", "at least"]);
+    let kept = place.at("kept.zarr");
+    sensor(&film, &kept, &with("example-2um", &["--exposure", "1ms", "--keep-signal"])).ok();
+    let again = sensor(&kept, &place.at("no"), &["--exposure", "1ms", "--film-scale", "2"]);
+    assert_exit(&again, USAGE, &["--film-scale is for relative films"]);
     let raw = place.at("raw.exr");
     assert_exit(
         &sensor(&film, &raw, &with("example-2um", &["--exposure", "1ms"])),
