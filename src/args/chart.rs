@@ -59,7 +59,7 @@ pub struct MotionArgs {
     /// Pixel pitch in µm [default: the chart's]
     #[arg(long = "film-pitch-um", alias = "pitch-um", value_name = "UM", value_parser = pitch)]
     pub pitch_um: Option<f64>,
-    /// Wavelengths of the chart's bands in nm where the store has none: 400:700:10 (both ends included) or 450,550
+    /// Wavelengths in nm of the bands of the chart, in place of those of its store, if it has some: 400:700:10 (both ends included) or 450,550
     #[arg(long, value_name = "NM")]
     pub wavelengths: Option<String>,
     /// Compression of the store; zstd is smaller and slower

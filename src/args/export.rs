@@ -57,7 +57,7 @@ pub struct ExportArgs {
     /// Axes of a chart's array, as for `lenscube run`
     #[arg(long, value_name = "AXES", help_heading = "Selection")]
     pub axes: Option<AxisOrder>,
-    /// Wavelengths in nm where the store has none
+    /// Wavelengths in nm, in place of those of the store, if it has some
     #[arg(long, value_name = "NM", help_heading = "Selection")]
     pub wavelengths: Option<String>,
     /// Worker threads [default: all cores]

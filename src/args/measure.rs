@@ -48,7 +48,7 @@ pub struct MeasureArgs {
     /// One band, by its wavelength in nm [default: all]
     #[arg(long, value_name = "NM", value_parser = bounded(bounds::WAVELENGTH_NM))]
     pub band: Option<f64>,
-    /// Wavelengths in nm where the store has none
+    /// Wavelengths in nm, in place of those of the store, if it has some
     #[arg(long, value_name = "NM")]
     pub wavelengths: Option<String>,
     /// Write the curve or the points to a CSV file

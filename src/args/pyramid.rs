@@ -53,7 +53,7 @@ pub struct ViewArgs {
     /// Open the page in the browser
     #[arg(long)]
     pub open: bool,
-    /// Wavelengths in nm where the store has none
+    /// Wavelengths in nm, in place of those of the store, if it has some
     #[arg(long, value_name = "NM")]
     pub wavelengths: Option<String>,
     /// Threads for reading and rendering [default: all cores, at most 4]

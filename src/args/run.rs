@@ -63,7 +63,7 @@ pub struct RunArgs {
     /// Unit of the chart's values, e.g. 'W m-2 sr-1 nm-1' [default: that of its metadata]; the values are not changed
     #[arg(long, value_name = "UNIT", value_parser = unit, help_heading = "Chart")]
     pub chart_units: Option<String>,
-    /// Wavelengths of the chart's bands in nm where the store has none: 400:700:10 (both ends included) or 450,550
+    /// Wavelengths in nm of the bands of the chart, in place of those of its store, if it has some: 400:700:10 (both ends included) or 450,550
     #[arg(long, value_name = "NM", help_heading = "Chart")]
     pub wavelengths: Option<String>,
     /// Bands to compute: wavelengths in nm, 550 or 450:650 (both ends included), or indices, '#0:5' [default: all]

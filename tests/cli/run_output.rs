@@ -47,7 +47,7 @@ fn default_output_is_three_lines_and_quiet_none() {
         ran.stderr
     );
     assert!(lines[1].ends_with("of the lens's field of 1.00 mm diameter"), "{}", ran.stderr);
-    assert!(lines[2].starts_with("1 shard in ") && lines[2].contains("GB written"), "{}", ran.stderr);
+    assert!(lines[2].starts_with("1 shard in ") && lines[2].contains(" kB written"), "{}", ran.stderr);
     assert_eq!(job.run("quiet.zarr", &["-q", "--progress", "bar"]).ok().stderr, "");
     let error = job.run("default.zarr", &["-q", "--gain"]);
     assert_exit(&error, 2, &["--gain"]);
