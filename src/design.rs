@@ -174,7 +174,7 @@ pub fn files_beside(path: &Path) -> Vec<PathBuf> {
     // Also catalogues that are read only for a glass that is in no other.
     let mut files = catalogues_in_folder_of(path, |_| true);
     files.extend(design.coating_file().iter().flat_map(|name| coatings::named_beside(path, name)));
-    files
+    files.iter().map(|file| file.strip_prefix(".").unwrap_or(file).to_path_buf()).collect()
 }
 
 /// Adds the usable glasses of a catalogue that came with a design; returns a note on the others.

@@ -77,7 +77,10 @@ impl Guard {
         }
         let guard = self.reads("lens", Path::new(name));
         let beside = if is_design(name) { files_beside(Path::new(name)) } else { Vec::new() };
-        beside.iter().fold(guard, |guard, path| guard.reads_text("file beside the design", path))
+        beside.iter().fold(guard, |guard, path| {
+            let is_catalogue = path.extension().is_some_and(|e| e.eq_ignore_ascii_case("agf"));
+            guard.reads_text(if is_catalogue { "glass catalogue" } else { "coating file" }, path)
+        })
     }
 
     /// Adds an output: `argument` is its flag or the name of its position.
