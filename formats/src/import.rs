@@ -65,6 +65,15 @@ pub fn open(path: &Path, options: &ImportOptions) -> Result<Imported, ImportErro
         Some(format) => format,
         None => detect_format(path)?,
     };
+    if options.psf_heights.is_some() && format != Format::Iset {
+        return Err(ImportError::Option {
+            option: "--psf-heights",
+            problem: format!(
+                "{}: applies to exports of ISET alone, whose PSFs are files by number",
+                path.display()
+            ),
+        });
+    }
     match format {
         Format::Iset => iset::open(path, options),
         Format::Listings => listings::open(path, options),

@@ -95,6 +95,11 @@ fn missing_required_array_is_an_error() {
         let e = error_after(|p| fs::remove_dir_all(p.join(name)).unwrap());
         assert!(matches!(&e, LensPackError::MissingArray { array, .. } if array == name), "{e}");
     }
+    // Arrays with a default whose values are there.
+    for name in ["solid_angle", "transmission"] {
+        let e = error_after(|p| fs::remove_file(p.join(name).join("zarr.json")).unwrap());
+        assert!(matches!(&e, LensPackError::MissingArray { array, .. } if array == name), "{e}");
+    }
 }
 
 #[test]

@@ -4,6 +4,8 @@
 //! one of field deg, object height, paraxial image height, real image height, each with its values; wavelengths nm; weights; primary nm; object
 //! distance; aiming (real, paraxial); object space (telecentric); focal length (as printed: it is compared).
 
+use std::collections::BTreeMap;
+
 use super::columns::plain;
 use super::line::Line;
 use super::units::{self, Unit};
@@ -17,6 +19,8 @@ const DEFAULT_NM: [f64; 3] = [486.132_7, 587.561_8, 656.272_5];
 
 #[derive(Default)]
 pub(super) struct Settings {
+    /// Lines of what is given once.
+    given: BTreeMap<&'static str, usize>,
     name: String,
     scale: Option<f64>,
     pub(super) catalogues: Vec<String>,
@@ -34,6 +38,38 @@ pub(super) struct Settings {
 
 pub(super) fn is_catalogues(name: &str) -> bool {
     matches!(plain(name).as_str(), "catalogues" | "catalogs" | "glasscatalogues")
+}
+
+/// What a setting gives that a table has once at most; none of the others.
+fn given_once(setting: &str) -> Option<&'static str> {
+    Some(match setting {
+        "unit" | "units" => "the unit",
+        "fnumber"
+        | "fno"
+        | "fnum"
+        | "imagespacefnumber"
+        | "workingfnumber"
+        | "entrancepupildiameter"
+        | "epd"
+        | "objectna"
+        | "stopradius" => "the aperture",
+        "fielddeg"
+        | "fielddegrees"
+        | "fieldangle"
+        | "fieldangledeg"
+        | "objectheight"
+        | "paraxialimageheight"
+        | "imageheight"
+        | "realimageheight" => "the field",
+        "wavelengthsnm" | "wavelengthnm" | "wavelengths" => "the list of wavelengths",
+        "weights" => "the list of weights",
+        "primarynm" | "primarywavelengthnm" => "the primary wavelength",
+        "objectdistance" => "the object distance",
+        "objectspace" => "the object space",
+        "focallength" | "efl" | "f" => "the focal length",
+        "aiming" => "the aiming",
+        _ => return None,
+    })
 }
 
 impl Settings {
@@ -84,6 +120,13 @@ impl Settings {
             _ => Err(line.error("expected one number")),
         };
         let word = || line.cells[1..].join(", ").trim_end_matches([',', ' ']).to_owned();
+        if let Some(what) = given_once(&plain(line.cell(0)))
+            && let Some(before) = self.given.insert(what, line.number)
+        {
+            return Err(
+                line.error(format!("{what} was given before, in line {before}; remove one of the two"))
+            );
+        }
         match plain(line.cell(0)).as_str() {
             "name" | "title" => self.name = word(),
             "source" | "reference" | "patent" | "note" | "notes" | "comment" | "glasses" | "" => {}

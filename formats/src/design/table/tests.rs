@@ -64,6 +64,8 @@ fn wrong_tables_are_errors_with_their_line() {
         ("5, 86.759", "object, 86.759", 13),
         ("4, 21.896, 4.822", "4, 21.896,", 13),
         ("semi-diameter", "radius", 8),
+        ("f-number, 4", "f-number, 4\nepd, 12", 4),
+        ("f-number, 4", "f-number, 4\nunit, mm\nf-number, 8", 5),
     ] {
         let result = read(&TRIPLET.replace(from, to));
         match line {
