@@ -5,8 +5,10 @@ use super::inputs::Inputs;
 use crate::args::{FilmUnits, RunArgs};
 use crate::failure::usage;
 use crate::job::layers::JobLayer;
+use crate::job::light_units::{self, Quantity};
 use crate::open::Chart;
 use anyhow::Result;
+use clap::ValueEnum;
 use formats::chart::MAX_VALUE;
 use formats::film::{FilmSpec, SampleType};
 use formats::group::Output;
@@ -61,6 +63,7 @@ pub fn film_spec(
     if outputs.is_empty() {
         outputs.push(Output { name: "film".into(), rect: frame.film.rect() });
     }
+    check_radiance(args, chart)?;
     let units = match args.film_units {
         FilmUnits::Relative => chart_units(args, chart).unwrap_or("relative").to_owned(),
         FilmUnits::Irradiance => "W m-2 nm-1".into(),
@@ -88,6 +91,32 @@ pub fn film_spec(
 /// Unit of the chart's values: `--chart-units`, else that of its metadata.
 pub fn chart_units<'a>(args: &'a RunArgs, chart: &'a Chart) -> Option<&'a str> {
     args.chart_units.as_deref().or_else(|| chart.units())
+}
+
+/// Fails if a film in physical units is asked for of a chart in other known units.
+///
+/// # Errors
+/// Usage: how its values are converted.
+fn check_radiance(args: &RunArgs, chart: &Chart) -> Result<()> {
+    let units = chart_units(args, chart);
+    let way_out = match units.and_then(light_units::parse) {
+        _ if args.film_units == FilmUnits::Relative => return Ok(()),
+        None | Some((Quantity::Radiance, 1.0)) => return Ok(()),
+        Some((Quantity::Radiance, factor)) => {
+            format!("convert its values with `--chart-scale {factor} --chart-units 'W m-2 sr-1 nm-1'`")
+        }
+        Some(_) => "make a chart of radiance, or leave out --film-units".into(),
+    };
+    Err(usage(radiance_required(args, units, &way_out)))
+}
+
+/// What `--film-units` requires of a chart in `units`.
+pub fn radiance_required(args: &RunArgs, units: Option<&str>, way_out: &str) -> String {
+    format!(
+        "--film-units {} requires a chart in spectral radiance, W m-2 sr-1 nm-1; the units of the chart are {}; {way_out}",
+        args.film_units.to_possible_value().map_or_else(String::new, |v| v.get_name().to_owned()),
+        units.unwrap_or("not given")
+    )
 }
 
 /// `--keep-bits`; `None` if it keeps all bits.

@@ -11,7 +11,7 @@ use crate::failure::{other_job, usage};
 use crate::job::lens::UntracedLens;
 use crate::job::lens::known::KnownLenses;
 use crate::open::{self, Chart, ChartFlags, check_has_files};
-use crate::progress::log_line;
+use crate::progress::{log_line, plural};
 use anyhow::Result;
 use formats::chart::{NanPolicy, SceneChart};
 use pipeline::geometry::Frame;
@@ -109,6 +109,12 @@ impl Inputs {
     pub fn new(args: &RunArgs, opened: Opened, film_bands: Option<&[usize]>) -> Result<(Self, UntracedLens)> {
         let Opened { chart, lens, surfaces } = opened;
         let all_nm = chart.wavelengths_nm()?;
+        if let Some(twice) = (1..all_nm.len()).find(|&b| all_nm[..b].contains(&all_nm[b])) {
+            return Err(usage(format!(
+                "chart `{}` has the wavelength {} nm twice; give --wavelengths with distinct ones",
+                args.chart, all_nm[twice]
+            )));
+        }
         let selected_bands: Vec<usize> = match &args.bands {
             None => (0..all_nm.len()).collect(),
             Some(text) => chosen_bands(text, &all_nm)?,
@@ -116,9 +122,9 @@ impl Inputs {
         let film_bands = film_bands.map_or_else(|| (0..selected_bands.len()).collect(), <[_]>::to_vec);
         if let Some(missing) = film_bands.iter().find(|b| **b >= selected_bands.len()) {
             return Err(other_job(format!(
-                "the plan uses band {missing}, chart `{}` has only {} bands: it is not the chart of the plan",
-                args.chart,
-                all_nm.len()
+                "the plan uses band {missing}, the job has only {} of chart `{}`: the chart or --bands are not those of the plan",
+                plural(selected_bands.len(), "band"),
+                args.chart
             )));
         }
         let named = Named { chart_name: &args.chart, chart: &chart, lens_name: &args.lens, lens: &lens };

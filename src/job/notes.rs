@@ -1,13 +1,12 @@
 //! Notes on a job, printed before it starts.
 
 use super::bands::JobPlan;
-use super::film::chart_units;
+use super::film::{chart_units, radiance_required};
 use super::light;
 use crate::args::{FilmUnits, RunArgs, size_order_note};
-use crate::job::light_units::{self, Quantity};
+use crate::job::light_units;
 use crate::open::{self, Chart, is_builtin};
 use anyhow::Result;
-use clap::ValueEnum;
 use pipeline::lens::PsfSample;
 use pipeline::stage::Stage;
 use std::path::Path;
@@ -87,16 +86,6 @@ fn rotation_note(plan: &JobPlan) -> Result<Option<String>> {
 /// For films in physical units: what the chart lacks.
 fn radiance_note(args: &RunArgs, chart: &Chart) -> Option<String> {
     let units = chart_units(args, chart);
-    let way_out = match units.and_then(light_units::parse) {
-        Some((Quantity::Radiance, 1.0)) => return None,
-        Some((Quantity::Radiance, factor)) => {
-            format!("convert its values with `--chart-scale {factor} --chart-units 'W m-2 sr-1 nm-1'`")
-        }
-        _ => "name them with --chart-units if they are that".into(),
-    };
-    Some(format!(
-        "--film-units {} requires a chart in spectral radiance, W m-2 sr-1 nm-1; the units of the chart are {}; {way_out}",
-        args.film_units.to_possible_value().map_or_else(String::new, |v| v.get_name().to_owned()),
-        units.unwrap_or("not given")
-    ))
+    let is_known = units.and_then(light_units::parse).is_some();
+    (!is_known).then(|| radiance_required(args, units, "name them with --chart-units if they are that"))
 }

@@ -197,7 +197,8 @@ fn print_hidden(job: &Job) {
     let figures = job.depth.iter().flat_map(Depth::charts).map(ChartFigures::new);
     let (missing, replaced) =
         figures.fold((0, 0), |(m, n), f: ChartFigures| (m + f.missing_chunks, n + f.nan_replaced));
-    if missing > 0 {
+    // A scene of this program leaves out chunks that are empty.
+    if missing > 0 && !matches!(job.chart, Chart::Scene(_)) {
         log_line(format!(
             "note: {missing} chunks are missing from distances, coverages or charts of hidden surfaces and were read as their fill values"
         ));

@@ -13,6 +13,7 @@ fn invalid_flag_values_exit_2_and_unknown_flags_suggest_the_nearest() {
     job.assert_rejected(&["--memory", "1MiB"], USAGE, &["--memory 1MiB", "at least", "--threads"]);
     job.assert_rejected(&["--device", "cuda"], USAGE, &["--device cuda", "--device cpu"]);
     job.assert_rejected(&["--bands", "3"], USAGE, &["--bands 3", "beyond the last of 3 bands"]);
+    job.assert_rejected(&["--film-units", "photons", "--chart-units", "W m-2 sr-1 um-1"], USAGE, &["0.001"]);
     job.assert_rejected(&["--bands", "1:7"], USAGE, &["--bands 1:7", "3 bands"]);
     job.assert_rejected(&["--bands", "red"], USAGE, &["`red`", "band index"]);
     job.assert_rejected(&["--bands", "2:1"], USAGE, &["selects no band"]);
