@@ -109,12 +109,6 @@ impl Inputs {
     pub fn new(args: &RunArgs, opened: Opened, film_bands: Option<&[usize]>) -> Result<(Self, UntracedLens)> {
         let Opened { chart, lens, surfaces } = opened;
         let all_nm = chart.wavelengths_nm()?;
-        if let Some(twice) = (1..all_nm.len()).find(|&b| all_nm[..b].contains(&all_nm[b])) {
-            return Err(usage(format!(
-                "chart `{}` has the wavelength {} nm twice; give --wavelengths with distinct ones",
-                args.chart, all_nm[twice]
-            )));
-        }
         let selected_bands: Vec<usize> = match &args.bands {
             None => (0..all_nm.len()).collect(),
             Some(text) => chosen_bands(text, &all_nm)?,
@@ -203,6 +197,17 @@ fn check_asymmetric(args: &RunArgs, lens: &UntracedLens) -> Result<()> {
 /// Bands that `--bands` selects; a note on an old syntax is printed.
 pub fn chosen_bands(text: &str, nm: &[f64]) -> Result<Vec<usize>> {
     let (chosen, note) = bands(text, nm).map_err(|e| usage(format!("--bands {text}: {e}")))?;
+    // Bands of one wavelength are those of several arrays, as of two polarisations.
+    for word in text.split(',').map(str::trim) {
+        let is_it = |band: &f64| word.parse().is_ok_and(|given: f64| given == *band);
+        let first = nm.iter().position(is_it);
+        let last = nm.iter().rposition(is_it);
+        if let Some((first, last)) = first.zip(last).filter(|(first, last)| first != last) {
+            return Err(usage(format!(
+                "--bands {text}: bands #{first} and #{last} have {word} nm; select one by its index, '#{first}'"
+            )));
+        }
+    }
     // An export opens its input twice.
     static NOTED: Once = Once::new();
     if let Some(note) = note {

@@ -363,7 +363,9 @@ fn values_beyond_float32_are_a_usage_error() {
 fn charts_of_other_known_units_are_no_radiance() {
     let place = Place::new();
     let (_, pack) = place.job(Size::new(90, 100), |_| ());
-    for (units, words) in [("W m-2 sr-1 um-1", "--chart-scale 0.001"), ("W m-2 nm-1", "make a chart of radiance")] {
+    for (units, words) in
+        [("W m-2 sr-1 um-1", "--chart-scale 0.001"), ("W m-2 nm-1", "make a chart of radiance")]
+    {
         let flags = ["--film-units", "irradiance", "--chart-units", units];
         let ran = place.run("gen:uniform?size=64&wavelengths=450&pitch_um=2", &pack, &flags);
         check(&ran, USAGE, &[units, words]);

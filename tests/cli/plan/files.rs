@@ -86,11 +86,7 @@ fn edited_plan_other_flags_and_other_film_exit_3() {
         OTHER_JOB,
         &["chart_bands (planned [0,1], found [1])"],
     );
-    crate::common::assert_exit(
-        &planned.run("3", &["--bands", "1"]),
-        OTHER_JOB,
-        &["not the chart of the plan"],
-    );
+    crate::common::assert_exit(&planned.run("3", &["--bands", "1"]), OTHER_JOB, &["not those of the plan"]);
     // Another film.
     let other = planned.place.at("other.zarr");
     CommandResult::new(&planned.place.command(&other, "", &["--interp", "bilinear"]).output().unwrap()).ok();

@@ -110,6 +110,9 @@ fn two_bands_at_one_wavelength_have_separate_tiles() {
     let codec = formats::chart::Codec::Zstd;
     formats::chart::write_chart(&job.chart, &picture, &meta, codec, 1, &|_, _| ()).unwrap();
     job.run("", &["--no-fsync", "--pyramid"]).ok();
+    let ambiguous = job.run("", &["--bands", "450"]);
+    assert_eq!(ambiguous.code, 2, "{}", ambiguous.stderr);
+    assert!(ambiguous.stderr.contains("bands #0 and #1 have 450 nm"), "{}", ambiguous.stderr);
     let server = Server::start(&[text(&job.film), "--chart", text(&job.chart)]);
     assert!(server.get_text("/api/content").contains("\"pyramid\":\"complete\""));
     let tile = |stack: &str, band: usize| {
