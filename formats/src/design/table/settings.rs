@@ -40,38 +40,6 @@ pub(super) fn is_catalogues(name: &str) -> bool {
     matches!(plain(name).as_str(), "catalogues" | "catalogs" | "glasscatalogues")
 }
 
-/// What a setting gives that a table has once at most; none of the others.
-fn given_once(setting: &str) -> Option<&'static str> {
-    Some(match setting {
-        "unit" | "units" => "the unit",
-        "fnumber"
-        | "fno"
-        | "fnum"
-        | "imagespacefnumber"
-        | "workingfnumber"
-        | "entrancepupildiameter"
-        | "epd"
-        | "objectna"
-        | "stopradius" => "the aperture",
-        "fielddeg"
-        | "fielddegrees"
-        | "fieldangle"
-        | "fieldangledeg"
-        | "objectheight"
-        | "paraxialimageheight"
-        | "imageheight"
-        | "realimageheight" => "the field",
-        "wavelengthsnm" | "wavelengthnm" | "wavelengths" => "the list of wavelengths",
-        "weights" => "the list of weights",
-        "primarynm" | "primarywavelengthnm" => "the primary wavelength",
-        "objectdistance" => "the object distance",
-        "objectspace" => "the object space",
-        "focallength" | "efl" | "f" => "the focal length",
-        "aiming" => "the aiming",
-        _ => return None,
-    })
-}
-
 impl Settings {
     /// Lens unit in mm.
     pub(super) fn scale(&self) -> f64 {
@@ -120,17 +88,17 @@ impl Settings {
             _ => Err(line.error("expected one number")),
         };
         let word = || line.cells[1..].join(", ").trim_end_matches([',', ' ']).to_owned();
-        if let Some(what) = given_once(&plain(line.cell(0)))
-            && let Some(before) = self.given.insert(what, line.number)
-        {
-            return Err(
-                line.error(format!("{what} was given before, in line {before}; remove one of the two"))
-            );
-        }
+        let mut once = |what: &'static str| match self.given.insert(what, line.number) {
+            None => Ok(()),
+            Some(before) => {
+                Err(line.error(format!("{what} was given before, in line {before}; remove one of the two")))
+            }
+        };
         match plain(line.cell(0)).as_str() {
             "name" | "title" => self.name = word(),
             "source" | "reference" | "patent" | "note" | "notes" | "comment" | "glasses" | "" => {}
             "unit" | "units" => {
+                once("the unit")?;
                 self.scale = Some(match word().to_lowercase().as_str() {
                     "mm" => 1.0,
                     "cm" => 10.0,
@@ -142,35 +110,73 @@ impl Settings {
             "catalogues" | "catalogs" | "glasscatalogues" => {
                 self.catalogues = line.cells[1..].iter().filter(|c| !c.is_empty()).cloned().collect();
             }
-            "fnumber" | "fno" | "fnum" | "imagespacefnumber" => {
-                self.aperture = Some(Aperture::ImageFNumber(value()?));
+            setting @ ("fnumber"
+            | "fno"
+            | "fnum"
+            | "imagespacefnumber"
+            | "workingfnumber"
+            | "entrancepupildiameter"
+            | "epd"
+            | "objectna"
+            | "stopradius") => {
+                once("the aperture")?;
+                let aperture = match setting {
+                    "workingfnumber" => Aperture::WorkingFNumber,
+                    "entrancepupildiameter" | "epd" => Aperture::EntrancePupil,
+                    "objectna" => Aperture::ObjectNa,
+                    "stopradius" => Aperture::StopRadius,
+                    _ => Aperture::ImageFNumber,
+                };
+                self.aperture = Some(aperture(value()?));
             }
-            "workingfnumber" => self.aperture = Some(Aperture::WorkingFNumber(value()?)),
-            "entrancepupildiameter" | "epd" => self.aperture = Some(Aperture::EntrancePupil(value()?)),
-            "objectna" => self.aperture = Some(Aperture::ObjectNa(value()?)),
-            "stopradius" => self.aperture = Some(Aperture::StopRadius(value()?)),
-            "fielddeg" | "fielddegrees" | "fieldangle" | "fieldangledeg" => {
-                self.fields = Some((FieldKind::Angle, values()?));
+            setting @ ("fielddeg"
+            | "fielddegrees"
+            | "fieldangle"
+            | "fieldangledeg"
+            | "objectheight"
+            | "paraxialimageheight"
+            | "imageheight"
+            | "realimageheight") => {
+                once("the field")?;
+                let kind = match setting {
+                    "objectheight" => FieldKind::ObjectHeight,
+                    "paraxialimageheight" => FieldKind::ParaxialImageHeight,
+                    "imageheight" | "realimageheight" => FieldKind::RealImageHeight,
+                    _ => FieldKind::Angle,
+                };
+                self.fields = Some((kind, values()?));
             }
-            "objectheight" => self.fields = Some((FieldKind::ObjectHeight, values()?)),
-            "paraxialimageheight" => self.fields = Some((FieldKind::ParaxialImageHeight, values()?)),
-            "imageheight" | "realimageheight" => self.fields = Some((FieldKind::RealImageHeight, values()?)),
-            "wavelengthsnm" | "wavelengthnm" | "wavelengths" => self.nm = values()?,
-            "weights" => self.weights = values()?,
-            "primarynm" | "primarywavelengthnm" => self.primary_nm = Some(value()?),
+            "wavelengthsnm" | "wavelengthnm" | "wavelengths" => {
+                once("the list of wavelengths")?;
+                self.nm = values()?;
+            }
+            "weights" => {
+                once("the list of weights")?;
+                self.weights = values()?;
+            }
+            "primarynm" | "primarywavelengthnm" => {
+                once("the primary wavelength")?;
+                self.primary_nm = Some(value()?);
+            }
             "objectdistance" => {
+                once("the object distance")?;
                 let is_finite = !line.cells[1..].iter().any(|c| text::is_infinite(c));
                 self.object_distance = Some(if is_finite { value()? } else { f64::INFINITY });
             }
             "objectspace" => {
+                once("the object space")?;
                 self.is_telecentric = match word().to_lowercase().as_str() {
                     "telecentric" => true,
                     "normal" => false,
                     _ => return Err(line.error("expected telecentric or normal")),
                 };
             }
-            "focallength" | "efl" | "f" => self.focal_length = Some(value()?),
+            "focallength" | "efl" | "f" => {
+                once("the focal length")?;
+                self.focal_length = Some(value()?);
+            }
             "aiming" => {
+                once("the aiming")?;
                 self.aiming = Some(match word().to_lowercase().as_str() {
                     "real" => RayAiming::Real,
                     "paraxial" => RayAiming::Paraxial,
