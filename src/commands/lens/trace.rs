@@ -93,7 +93,7 @@ pub fn command(args: &TraceArgs) -> Result<()> {
     }
     let pack = LensPackWriter::create(&args.out)?;
     let bar = TracingBar::new(options.wavelengths_nm.len());
-    let (mut reports, mut missed) = (Vec::<BandReport>::new(), None);
+    let mut reports: Vec<BandReport> = Vec::new();
     let mut progress = |p: Progress| {
         bar.set_bands(p.band);
         bar.step(format!("{} nm: {} ({} PSFs)", number(options.wavelengths_nm[p.band]), p.step, p.psfs));
@@ -102,12 +102,14 @@ pub fn command(args: &TraceArgs) -> Result<()> {
         LensTrace::new(&system, &options)?.with_tails(args.tails).all(&mut progress, |index, band| {
             bar.suspend(|| log_line(band_line(&band)));
             reports.push(band.report);
-            missed = missed_tolerance(args, &band.report);
-            if missed.is_some() { Err(Stopped) } else { write(index, band, stored) }
+            match missed_tolerance(args, &reports) {
+                None => write(index, band, stored),
+                Some(_) => Err(Stopped),
+            }
         })
     });
     bar.finish();
-    if let Some(missed) = missed {
+    if let Some(missed) = missed_tolerance(args, &reports) {
         return Err(missed);
     }
     let context = || format!("tracing {}", args.design);
@@ -137,19 +139,19 @@ pub fn command(args: &TraceArgs) -> Result<()> {
     Ok(())
 }
 
-/// The error of a band that misses the `--psf-tolerance` that was given.
-fn missed_tolerance(args: &TraceArgs, report: &BandReport) -> Option<anyhow::Error> {
-    let (tolerance, error) = args.psf_tolerance.zip(report.psf_error)?;
-    (error.worst > tolerance).then(|| {
-        anyhow!(
-            "{} nm: kernels between the nodes have errors up to {:.3} % (at {:.2} mm), expected at most {} % (--psf-tolerance): give more --max-nodes, a \
-             larger --psf-tolerance, or none for the error that can be reached",
-            number(report.wavelength_nm),
-            100.0 * error.worst,
-            error.at_mm,
-            number(100.0 * tolerance)
-        )
-    })
+/// The error of the first band that misses the `--psf-tolerance` that was given.
+fn missed_tolerance(args: &TraceArgs, reports: &[BandReport]) -> Option<anyhow::Error> {
+    let tolerance = args.psf_tolerance?;
+    let errors = reports.iter().filter_map(|report| Some((report.wavelength_nm, report.psf_error?)));
+    let (nm, missed) = errors.into_iter().find(|(_, error)| error.worst > tolerance)?;
+    Some(anyhow!(
+        "{} nm: kernels between the nodes have errors up to {:.3} % (at {:.2} mm), expected at most {} % (--psf-tolerance): give more --max-nodes, a \
+         larger --psf-tolerance, or none for the error that can be reached",
+        number(nm),
+        100.0 * missed.worst,
+        missed.at_mm,
+        number(100.0 * tolerance)
+    ))
 }
 
 /// Prints what a trace of `seconds` needs: under `--verbose` unless it is long.

@@ -153,7 +153,7 @@ impl Planar<'_> {
     /// Traces the bands and writes the pack.
     fn write(self, start: Instant) -> Result<()> {
         let Self { args, options, pack, bar, what, header, lens: (built, film), band, record } = self;
-        let (mut reports, mut missed) = (Vec::<BandReport>::new(), None);
+        let mut reports: Vec<BandReport> = Vec::new();
         let mut stored = args.store;
         let result = write_beside(pack, |write| {
             let mut lens = header;
@@ -170,8 +170,7 @@ impl Planar<'_> {
                 reports.push(band.report);
                 lens.bands.push(band.tables.clone());
                 let failed = |e: Stopped| DesignError::Sink { wavelength_nm: *nm, problem: e.to_string() };
-                missed = missed_tolerance(args, &band.report);
-                if missed.is_some() {
+                if missed_tolerance(args, &reports).is_some() {
                     Err(failed(Stopped))?;
                 }
                 // PSFs are largest at the shortest wavelength, which is the first: how many there are is known only then.
@@ -188,7 +187,7 @@ impl Planar<'_> {
             Ok::<_, SkewError>(lens)
         });
         bar.finish();
-        if let Some(missed) = missed {
+        if let Some(missed) = missed_tolerance(args, &reports) {
             return Err(missed);
         }
         let context = || format!("tracing {what}");

@@ -64,7 +64,7 @@ pub fn trace(
                 windows.max().unwrap_or(0),
             ));
         });
-        if let Some(missed) = nodes.iter().find_map(|report| missed_tolerance(args, report)) {
+        if let Some(missed) = missed_tolerance(args, nodes) {
             return Err(missed);
         }
         reports.push(traced.reports[traced.nodes.nearest(depth.focus)]);
