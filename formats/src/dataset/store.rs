@@ -12,7 +12,7 @@ use super::tar::Tar;
 pub use super::zarr::ArraySpec;
 use super::zarr::{group, shard};
 use crate::durable::{
-    AtomicFile, Batch, Directory, DurableError, Removal, Store, create_directories, fault_point,
+    AtomicFile, Batch, Directory, DurableError, Removal, Store, create_directories, fault_point, sweep,
 };
 pub use verify::Finding;
 
@@ -213,7 +213,7 @@ impl DatasetStore {
         }
         let store = Self { path: path.into(), files: opened(path)?, spec };
         // Of killed processes.
-        Store::Directory(store.files.clone()).sweep()?;
+        sweep(path)?;
         let begun = store.begin(old_samples);
         store.check_in_place()?;
         begun.map(|()| store)
@@ -238,7 +238,7 @@ impl DatasetStore {
     /// Fails if another data set is at its path, or none.
     fn check_in_place(&self) -> Result<(), DatasetError> {
         let is_own = |record: Option<Value>| record.is_some_and(|r| r["digest"] == self.spec.digest.as_str());
-        match Store::Directory(self.files.clone()).is_in_place()? && is_own(recorded(&self.path)?) {
+        match self.files.is_at(&self.path)? && is_own(recorded(&self.path)?) {
             true => Ok(()),
             false => Err(DatasetError::Replaced { path: self.path.clone() }),
         }
