@@ -124,6 +124,7 @@ pub mod remap;
 pub mod resample;
 pub mod restore;
 pub mod scene;
+pub mod scratch;
 pub mod sensor;
 pub mod simd;
 mod spline;

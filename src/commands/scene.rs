@@ -14,6 +14,7 @@ mod make;
 mod objects;
 mod prepared;
 mod report;
+mod scratch;
 mod seen;
 
 use crate::args::SceneArgs;

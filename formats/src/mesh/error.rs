@@ -3,6 +3,7 @@
 use std::path::{Path, PathBuf};
 
 use crate::mesh_name::extension;
+use pipeline::scratch::ScratchError;
 
 /// A file in messages: the mesh, or what it names.
 fn named(path: &Path) -> String {
@@ -118,6 +119,9 @@ pub enum MeshError {
         /// Bytes allowed.
         allowed: u64,
     },
+    /// There is no room for what does not fit into memory.
+    #[error(transparent)]
+    Scratch(#[from] ScratchError),
     /// A mesh without a triangle.
     #[error("reading {path}: no triangles: found {found}", path = named(.path))]
     Empty {

@@ -1,7 +1,9 @@
-//! Lists whose memory is counted before it is allocated.
+//! Lists whose memory is counted before it is allocated; those beyond memory are in a scratch file, and not counted.
 
 use super::context::Context;
 use super::error::MeshError;
+use bytemuck::Pod;
+use pipeline::scratch::List;
 
 /// Counts a list of `count` items of type `T` that is about to be allocated.
 ///
@@ -14,33 +16,47 @@ pub(super) fn charge_items<T>(context: &Context<'_>, what: &str, count: u64) -> 
 /// An empty list with capacity for `count` items.
 ///
 /// # Errors
-/// [`MeshError::Memory`]; `what` names the items.
-pub(super) fn list<T>(context: &Context<'_>, what: &str, count: u64) -> Result<Vec<T>, MeshError> {
-    charge_items::<T>(context, what, count)?;
-    Ok(Vec::with_capacity(usize::try_from(count).unwrap_or(usize::MAX)))
+/// [`MeshError::Memory`], `what` names the items; [`MeshError::Scratch`].
+pub(super) fn list<T: Pod>(context: &Context<'_>, what: &str, count: u64) -> Result<List<T>, MeshError> {
+    let scratch = &context.limits.scratch;
+    if !scratch.takes(count.saturating_mul(size_of::<T>() as u64)) {
+        charge_items::<T>(context, what, count)?;
+    }
+    Ok(scratch.list(usize::try_from(count).unwrap_or(usize::MAX))?)
+}
+
+/// A list of `count` zeros.
+///
+/// # Errors
+/// As [`list`].
+pub(super) fn zeros<T: Pod>(context: &Context<'_>, what: &str, count: u64) -> Result<List<T>, MeshError> {
+    let scratch = &context.limits.scratch;
+    if !scratch.takes(count.saturating_mul(size_of::<T>() as u64)) {
+        charge_items::<T>(context, what, count)?;
+    }
+    Ok(scratch.zeros(usize::try_from(count).unwrap_or(usize::MAX))?)
 }
 
 /// Frees a list of [`list`] or [`push`].
-pub(super) fn free<T>(context: &Context<'_>, items: Vec<T>) {
-    context.release(items.capacity() as u64 * size_of::<T>() as u64);
+pub(super) fn free<T: Pod>(context: &Context<'_>, items: List<T>) {
+    context.release(items.memory_bytes() as u64);
 }
 
 /// `items.push(item)`. A list that is full is copied to one of twice the size; both are counted while they exist.
 ///
 /// # Errors
-/// [`MeshError::Memory`]; `what` names the items.
-pub(super) fn push<T>(
+/// As [`list`].
+pub(super) fn push<T: Pod>(
     context: &Context<'_>,
     what: &str,
-    items: &mut Vec<T>,
+    items: &mut List<T>,
     item: T,
 ) -> Result<(), MeshError> {
     if items.len() == items.capacity() {
         let old = items.capacity();
-        let more = old.max(16);
-        charge_items::<T>(context, what, (old + more) as u64)?;
-        items.reserve_exact(more);
-        context.release(old as u64 * size_of::<T>() as u64);
+        let mut more = list(context, what, (old + old.max(16)) as u64)?;
+        more.extend(items.iter().copied());
+        free(context, std::mem::replace(items, more));
     }
     items.push(item);
     Ok(())
@@ -57,7 +73,7 @@ mod tests {
     fn growth_stops_at_the_limit() {
         let limits = Limits { max_total_bytes: 1 << 16, ..Limits::of_memory(0) };
         let context = Context::new(Path::new("a"), &limits);
-        let mut items = Vec::new();
+        let mut items = List::default();
         let grown = (0..1_000_000u64).try_for_each(|k| push(&context, "items", &mut items, k));
         assert!(matches!(grown, Err(MeshError::Memory { allowed: 65_536, .. })));
         assert!(items.capacity() * 8 <= 1 << 16);

@@ -1,11 +1,13 @@
 //! The files that a mesh consists of, with size and digest.
 
 use std::fs::File;
-use std::io::Read;
+use std::io::{ErrorKind, Read};
 use std::path::{Path, PathBuf};
 
 use super::context::Context;
 use super::error::MeshError;
+use super::grow;
+use pipeline::scratch::List;
 
 /// A file that was read.
 #[derive(Clone, Debug, PartialEq, Eq)]
@@ -35,7 +37,7 @@ pub(super) fn signature(path: &Path) -> Option<&'static str> {
 ///
 /// # Errors
 /// It cannot be read, changes meanwhile, or is larger than the memory left.
-pub(super) fn read_file(context: &Context<'_>, named: &Path, opened: &Path) -> Result<Vec<u8>, MeshError> {
+pub(super) fn read_file(context: &Context<'_>, named: &Path, opened: &Path) -> Result<List<u8>, MeshError> {
     let io = |action| move |source| MeshError::Io { path: named.into(), action, source };
     // Before it is opened: opening a pipe waits for its writer.
     let metadata = std::fs::metadata(opened).map_err(io("open it"))?;
@@ -43,12 +45,15 @@ pub(super) fn read_file(context: &Context<'_>, named: &Path, opened: &Path) -> R
         return Err(io("open it")(std::io::Error::other("it is not a regular file")));
     }
     let length = metadata.len();
-    context.charge(length, || format!("file {}", named.display()))?;
-    let file = File::open(opened).map_err(io("open it"))?;
-    let mut bytes = Vec::with_capacity(usize::try_from(length).unwrap_or(usize::MAX));
-    file.take(length.saturating_add(1)).read_to_end(&mut bytes).map_err(io("read it"))?;
-    if bytes.len() as u64 != length {
-        return Err(io("read it")(std::io::Error::other("it changed while it was read")));
+    let mut bytes = grow::zeros(context, &format!("file {}", named.display()), length)?;
+    let mut file = File::open(opened).map_err(io("open it"))?;
+    let changed = || io("read it")(std::io::Error::other("it changed while it was read"));
+    file.read_exact(&mut bytes).map_err(|e| match e.kind() {
+        ErrorKind::UnexpectedEof => changed(),
+        _ => io("read it")(e),
+    })?;
+    if file.read(&mut [0]).map_err(io("read it"))? > 0 {
+        return Err(changed());
     }
     let source = SourceFile { path: named.into(), bytes: length, blake3: blake3::hash(&bytes) };
     let mut sources = context.sources.borrow_mut();

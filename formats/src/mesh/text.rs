@@ -9,36 +9,38 @@ use super::context::Context;
 use super::error::MeshError;
 use super::shown::shown;
 use super::source::read_file;
+use pipeline::scratch::List;
 
 /// The text of the file `opened`, listed as `named`. The memory of its capacity counts as in use.
 ///
 /// # Errors
 /// Those of [`read_file`].
-pub(super) fn read(context: &Context<'_>, named: &Path, opened: &Path) -> Result<Vec<u8>, MeshError> {
+pub(super) fn read(context: &Context<'_>, named: &Path, opened: &Path) -> Result<List<u8>, MeshError> {
     let bytes = read_file(context, named, opened)?;
     if !is_utf16(&bytes) {
         return Ok(decode(bytes));
     }
-    let before = bytes.len() as u64;
-    context.charge(before / 2 * 3, || format!("text of {}", named.display()))?;
+    let before = bytes.memory_bytes() as u64;
+    context.charge(bytes.len() as u64 / 2 * 3, || format!("text of {}", named.display()))?;
     let text = decode(bytes);
     context.release(before);
     Ok(text)
 }
 
 /// The bytes of a text in UTF-8 or an encoding that agrees with it in ASCII, without byte order mark. Invalid UTF-16 becomes U+FFFD.
-fn decode(mut bytes: Vec<u8>) -> Vec<u8> {
+fn decode(mut bytes: List<u8>) -> List<u8> {
     let utf16 = |unit: fn([u8; 2]) -> u16| {
         let units = bytes[2..].as_chunks().0.iter().map(|&pair| unit(pair));
         let mut text = String::with_capacity(bytes.len() / 2 * 3);
         text.extend(char::decode_utf16(units).map(|c| c.unwrap_or(char::REPLACEMENT_CHARACTER)));
-        text.into_bytes()
+        text.into_bytes().into()
     };
-    match bytes.as_slice() {
+    match &bytes[..] {
         [0xFF, 0xFE, ..] => utf16(u16::from_le_bytes),
         [0xFE, 0xFF, ..] => utf16(u16::from_be_bytes),
         [0xEF, 0xBB, 0xBF, ..] => {
-            bytes.drain(..3);
+            bytes.copy_within(3.., 0);
+            bytes.resize(bytes.len() - 3, 0);
             bytes
         }
         _ => bytes,
@@ -174,6 +176,7 @@ mod tests {
         let utf16 = |to: fn(u16) -> [u8; 2]| {
             std::iter::once(0xFEFF).chain(text.encode_utf16()).flat_map(to).collect::<Vec<_>>()
         };
+        let decode = |bytes: Vec<u8>| decode(bytes.into()).to_vec();
         assert_eq!(decode(utf16(u16::to_le_bytes)), text.as_bytes());
         assert_eq!(decode(utf16(u16::to_be_bytes)), text.as_bytes());
         assert_eq!(decode([b"\xEF\xBB\xBF", text.as_bytes()].concat()), text.as_bytes());

@@ -13,7 +13,7 @@ const UNCOUNTED_BYTES: isize = 128 << 10;
 fn check(path: &Path, max_bytes: u64) -> Result<Scene, MeshError> {
     let limits = Limits::of_memory(max_bytes);
     let (read, peak) = peak_of(|| lenscube_formats::mesh::read(path, &limits));
-    assert!(peak <= max_bytes as isize + UNCOUNTED_BYTES, "{peak} bytes");
+    assert!(peak <= max_bytes as isize + UNCOUNTED_BYTES, "{}: {peak} bytes of {max_bytes}", path.display());
     match &read {
         Ok((scene, _)) => check_scene(scene),
         Err(error) => {

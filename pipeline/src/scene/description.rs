@@ -3,6 +3,7 @@
 //! Positions are in units of the file: glTF is in metres with +Y up, OBJ and PLY state no unit. Matrices are rows; a column vector
 //! (x, y, z, 1) is multiplied from the right. Colours are linear. Readers of files are in the package `formats`.
 
+use crate::scratch::List;
 use std::collections::HashSet;
 use std::sync::Arc;
 
@@ -24,7 +25,7 @@ pub struct Scene {
 }
 
 impl Scene {
-    /// Bytes of its geometry, each once, and of its textures.
+    /// Bytes in memory of its geometry, each once, and of its textures.
     pub fn bytes(&self) -> usize {
         let mut counted = HashSet::new();
         let once = self.parts.iter().filter(|part| counted.insert(Arc::as_ptr(&part.geometry)));
@@ -53,42 +54,42 @@ pub struct Geometry {
     /// Positions of the vertices.
     pub positions: Positions,
     /// Three vertices a triangle, counter-clockwise seen from the front.
-    pub triangles: Vec<[u32; 3]>,
+    pub triangles: List<[u32; 3]>,
     /// Sets of texture coordinates, each empty or one pair per vertex.
-    pub texcoords: Vec<Vec<[f32; 2]>>,
+    pub texcoords: Vec<List<[f32; 2]>>,
     /// Linear colour and alpha of each vertex; empty without.
-    pub colours: Vec<[f32; 4]>,
+    pub colours: List<[f32; 4]>,
     /// Normal of each vertex; empty without.
-    pub normals: Vec<[f32; 3]>,
+    pub normals: List<[f32; 3]>,
 }
 
 /// Positions in the precision of the file.
 pub enum Positions {
     /// Of glTF and most PLY files.
-    F32(Vec<[f32; 3]>),
+    F32(List<[f32; 3]>),
     /// Of OBJ and PLY files with doubles.
-    F64(Vec<[f64; 3]>),
+    F64(List<[f64; 3]>),
 }
 
 impl Geometry {
-    /// Bytes of its lists.
+    /// Bytes in memory of its lists.
     pub fn bytes(&self) -> usize {
         let positions = match &self.positions {
-            Positions::F32(all) => size_of_val(&all[..]),
-            Positions::F64(all) => size_of_val(&all[..]),
+            Positions::F32(all) => all.memory_bytes(),
+            Positions::F64(all) => all.memory_bytes(),
         };
-        let sets: usize = self.texcoords.iter().map(|set| size_of_val(&set[..])).sum();
+        let sets: usize = self.texcoords.iter().map(List::memory_bytes).sum();
         positions
             + sets
-            + size_of_val(&self.triangles[..])
-            + size_of_val(&self.colours[..])
-            + size_of_val(&self.normals[..])
+            + self.triangles.memory_bytes()
+            + self.colours.memory_bytes()
+            + self.normals.memory_bytes()
     }
 }
 
 impl Default for Positions {
     fn default() -> Self {
-        Positions::F32(Vec::new())
+        Positions::F32(List::default())
     }
 }
 

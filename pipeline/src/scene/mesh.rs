@@ -7,7 +7,8 @@
 //! N·d < 0, N = (v1 − v0) × (v2 − v0); a part with a mirrored matrix has the opposite sign (glTF 2.0, 3.7.4).
 //!
 //! Closed components (`solids`) bound a volume; their winding number (`winding`) is 0 unless the camera is in it.
-//! Memory: 12 B a vertex, 17 B a triangle, and while it is built 12 B a vertex and 28 B a triangle more.
+//! Memory: 12 B a vertex, 17 B a triangle, and while it is built 12 B a vertex and 28 B a triangle more; lists beyond memory are in a scratch
+//! file ([`crate::scratch`]).
 
 mod error;
 mod solids;
@@ -18,6 +19,7 @@ pub use error::MeshError;
 
 use super::description::{AlphaMode, Geometry, Material, Part, Positions};
 use super::pose::{Pose, to_camera};
+use crate::scratch::{List, Scratch, ScratchError};
 use rayon::prelude::*;
 use solids::Component;
 
@@ -47,14 +49,15 @@ pub struct MeshOptions {
 
 /// Triangles in the camera frame.
 pub struct Mesh {
-    vertices: Vec<[f32; 3]>,
-    triangles: Vec<[u32; 3]>,
-    flags: Vec<u8>,
-    solid: Vec<u32>,
+    vertices: List<[f32; 3]>,
+    triangles: List<[u32; 3]>,
+    flags: List<u8>,
+    solid: List<u32>,
     around_camera: Vec<bool>,
     /// Number of the first triangle of each part.
     first_of_part: Vec<u32>,
     facts: MeshFacts,
+    scratch: Scratch,
 }
 
 /// Figures of a mesh for logs.
@@ -79,7 +82,7 @@ pub struct MeshFacts {
 }
 
 impl Mesh {
-    /// The triangles of `parts` seen from `pose`.
+    /// The triangles of `parts` seen from `pose`, in memory.
     ///
     /// # Errors
     /// [`MeshError`].
@@ -89,12 +92,27 @@ impl Mesh {
         pose: &Pose,
         options: MeshOptions,
     ) -> Result<Self, MeshError> {
+        Self::with_scratch(parts, materials, pose, options, &Scratch::default())
+    }
+
+    /// The triangles of `parts` seen from `pose`; lists that do not fit into memory are in the file of `scratch`.
+    ///
+    /// # Errors
+    /// [`MeshError`].
+    pub fn with_scratch(
+        parts: &[Part],
+        materials: &[Material],
+        pose: &Pose,
+        options: MeshOptions,
+        scratch: &Scratch,
+    ) -> Result<Self, MeshError> {
         check(parts, materials)?;
-        let vertices = transform(parts, pose, options.unit_m)?;
+        let vertices = transform(parts, pose, options.unit_m, scratch)?;
+        let triangles = parts.iter().map(|p| p.geometry.triangles.len()).sum();
         let mut mesh = Self {
-            triangles: Vec::with_capacity(parts.iter().map(|p| p.geometry.triangles.len()).sum()),
-            flags: Vec::new(),
-            solid: Vec::new(),
+            triangles: scratch.zeros(triangles)?,
+            flags: scratch.zeros(triangles)?,
+            solid: List::default(),
             around_camera: Vec::new(),
             first_of_part: Vec::with_capacity(parts.len()),
             facts: MeshFacts {
@@ -108,31 +126,31 @@ impl Mesh {
                 farthest_m: 0.0,
             },
             vertices,
+            scratch: scratch.clone(),
         };
-        mesh.flags.reserve_exact(mesh.triangles.capacity());
         mesh.collect(parts, materials, options);
         mesh.find_range()?;
-        mesh.find_solids(parts, materials, options.solids);
+        mesh.find_solids(parts, materials, options.solids)?;
         Ok(mesh)
     }
 
     /// Triangles with the file's numbers, and what is known before their corners are compared.
     fn collect(&mut self, parts: &[Part], materials: &[Material], options: MeshOptions) {
-        let mut first_vertex = 0;
+        let (mut first_vertex, mut first) = (0, 0);
         for part in parts {
-            self.first_of_part.push(self.triangles.len() as u32);
+            self.first_of_part.push(first as u32);
             let one_sided = !(options.two_sided || materials[part.material].two_sided);
             let flags = if one_sided { ONE_SIDED } else { 0 } | if mirrors(part) { MIRRORED } else { 0 };
-            let vertices = &self.vertices;
-            let of_part = part.geometry.triangles.par_iter().map(|t| {
-                let t = t.map(|v| v + first_vertex);
-                let [a, b, c] = t.map(|v| vertices[v as usize]);
-                (t, if a == b || b == c || c == a { flags | DEGENERATE } else { flags })
+            let (vertices, of_part) = (&self.vertices[..], &part.geometry.triangles[..]);
+            let triangles = &mut self.triangles[first..][..of_part.len()];
+            let all = triangles.par_iter_mut().zip(&mut self.flags[first..][..of_part.len()]);
+            all.zip(of_part).for_each(|((triangle, of), t)| {
+                *triangle = t.map(|v| v + first_vertex);
+                let [a, b, c] = triangle.map(|v| vertices[v as usize]);
+                *of = if a == b || b == c || c == a { flags | DEGENERATE } else { flags };
             });
-            let (triangles, all_flags): (Vec<_>, Vec<_>) = of_part.unzip();
-            self.triangles.extend(triangles);
-            self.flags.extend(all_flags);
             first_vertex += positions(&part.geometry) as u32;
+            first += of_part.len();
         }
         self.facts.triangles = self.triangles.len();
         self.facts.degenerate = self.flags.iter().filter(|&&f| f & DEGENERATE != 0).count();
@@ -157,20 +175,26 @@ impl Mesh {
         Ok(())
     }
 
-    fn find_solids(&mut self, parts: &[Part], materials: &[Material], solids: bool) {
+    fn find_solids(
+        &mut self,
+        parts: &[Part],
+        materials: &[Material],
+        solids: bool,
+    ) -> Result<(), ScratchError> {
         let components = {
-            let weld = weld::weld(&self.vertices);
+            let weld = weld::weld(&self.vertices, &self.scratch)?;
+            let (flags, triangles) = (&self.flags[..], &self.triangles[..]);
             // Corners in the order in which they run counter-clockwise; none of degenerate triangles.
             let corners = |t: u32| {
-                let flags = self.flags[t as usize];
-                let [a, b, c] = self.triangles[t as usize].map(|v| weld[v as usize]);
+                let flags = flags[t as usize];
+                let [a, b, c] = triangles[t as usize].map(|v| weld[v as usize]);
                 match (flags & DEGENERATE != 0, flags & MIRRORED != 0) {
                     (true, _) => None,
                     (false, true) => Some([a, c, b]),
                     (false, false) => Some([a, b, c]),
                 }
             };
-            solids::components(self.triangles.len() as u32, weld.len(), corners)
+            solids::components(triangles.len() as u32, weld.len(), corners, &self.scratch)?
         };
         let Components { of_triangle, mut is_solid, size, first } = Components::of(components);
         for (part, &start) in parts.iter().zip(&self.first_of_part) {
@@ -201,6 +225,7 @@ impl Mesh {
         });
         self.around_camera = winding::around_camera(self);
         self.facts.around_camera = self.around_camera.iter().filter(|&&a| a).count();
+        Ok(())
     }
 
     /// Number of triangles, degenerate ones included: their numbers are less.
@@ -250,12 +275,17 @@ impl Mesh {
         (part, (triangle - self.first_of_part[part]) as usize)
     }
 
-    /// Bytes of its lists.
+    /// Bytes in memory of its lists.
     pub fn bytes(&self) -> usize {
-        size_of_val(&self.vertices[..])
-            + size_of_val(&self.triangles[..])
-            + size_of_val(&self.flags[..])
-            + size_of_val(&self.solid[..])
+        self.vertices.memory_bytes()
+            + self.triangles.memory_bytes()
+            + self.flags.memory_bytes()
+            + self.solid.memory_bytes()
+    }
+
+    /// Where its lists are.
+    pub fn scratch(&self) -> &Scratch {
+        &self.scratch
     }
 
     /// Figures for logs.
@@ -266,14 +296,14 @@ impl Mesh {
 
 /// Components by their number.
 struct Components {
-    of_triangle: Vec<u32>,
+    of_triangle: List<u32>,
     is_solid: Vec<bool>,
     size: Vec<u32>,
     first: Vec<u32>,
 }
 
 impl Components {
-    fn of((of_triangle, components): (Vec<u32>, Vec<Component>)) -> Self {
+    fn of((of_triangle, components): (List<u32>, Vec<Component>)) -> Self {
         let mut size = vec![0; components.len()];
         of_triangle.iter().filter(|&&c| c != NOT_SOLID).for_each(|&c| size[c as usize] += 1);
         let is_solid = components.iter().map(|c| c.is_closed).collect();
@@ -322,21 +352,29 @@ fn check(parts: &[Part], materials: &[Material]) -> Result<(), MeshError> {
 }
 
 /// All vertices in the camera frame.
-fn transform(parts: &[Part], pose: &Pose, unit_m: f64) -> Result<Vec<[f32; 3]>, MeshError> {
-    let mut vertices = Vec::with_capacity(parts.iter().map(|p| positions(&p.geometry)).sum());
+fn transform(
+    parts: &[Part],
+    pose: &Pose,
+    unit_m: f64,
+    scratch: &Scratch,
+) -> Result<List<[f32; 3]>, MeshError> {
+    let mut vertices = scratch.zeros(parts.iter().map(|p| positions(&p.geometry)).sum())?;
+    let mut rest = &mut vertices[..];
     for part in parts {
         let rows = pose.from_primitive(&part.to_world, unit_m);
-        let first = vertices.len();
+        let (of_part, after) = rest.split_at_mut(positions(&part.geometry));
+        let all = of_part.par_iter_mut();
         match &part.geometry.positions {
             Positions::F32(p) => {
-                vertices.par_extend(p.par_iter().map(|p| to_camera(&rows, p.map(f64::from))))
+                all.zip(&p[..]).for_each(|(to, p)| *to = to_camera(&rows, p.map(f64::from)));
             }
-            Positions::F64(p) => vertices.par_extend(p.par_iter().map(|p| to_camera(&rows, *p))),
+            Positions::F64(p) => all.zip(&p[..]).for_each(|(to, p)| *to = to_camera(&rows, *p)),
         }
         let bad = |v: &[f32; 3]| !v.iter().all(|c| c.is_finite());
-        if let Some(vertex) = vertices[first..].par_iter().position_first(bad) {
+        if let Some(vertex) = of_part.par_iter().position_first(bad) {
             return Err(MeshError::NotFinite { name: part.name.clone(), vertex });
         }
+        rest = after;
     }
     Ok(vertices)
 }

@@ -54,8 +54,8 @@ pub fn quad(o: [f32; 3], u: [f32; 3], v: [f32; 3]) -> Geometry {
     let texcoords = vec![[0.0, 0.0], [1.0, 0.0], [1.0, 1.0], [0.0, 1.0]];
     Geometry {
         positions: Positions::F32(texcoords.iter().map(|&[a, b]| at(a, b)).collect()),
-        triangles: vec![[0, 1, 2], [0, 2, 3]],
-        texcoords: vec![texcoords],
+        triangles: vec![[0, 1, 2], [0, 2, 3]].into(),
+        texcoords: vec![texcoords.into()],
         ..Geometry::default()
     }
 }

@@ -94,8 +94,8 @@ fn scene(materials: &Array, vertices: &Array, triangles: &Array) -> (Vec<Part>, 
     for &[a, b, c, material] in rows {
         let corners = [a, b, c].map(|v| positions[usize::from(v)]);
         let geometry = Geometry {
-            positions: Positions::F32(corners.to_vec()),
-            triangles: vec![[0, 1, 2]],
+            positions: Positions::F32(corners.to_vec().into()),
+            triangles: vec![[0, 1, 2]].into(),
             ..Geometry::default()
         };
         let identity = std::array::from_fn(|i| std::array::from_fn(|k| f64::from(u8::from(i == k))));

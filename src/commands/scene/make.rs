@@ -5,6 +5,7 @@ use super::job::SceneJob;
 use super::objects::Objects;
 use super::prepared::Prepared;
 use super::report;
+use super::scratch::no_renderer;
 use crate::args::SceneArgs;
 use crate::failure::{code, other_job, usage};
 use crate::film::group;
@@ -28,6 +29,9 @@ use std::time::Instant;
 /// Bytes of a thread's tile while it is made: hits of a row of pixels, planes of the tile, a shard's plane and its encoded bytes.
 const THREAD_BYTES: usize = 24 << 20;
 
+/// Part of the memory for pages of a scratch file.
+const SCRATCH_PART: usize = 4;
+
 /// Attempts to create or open a scene that other processes remove and create meanwhile.
 const ATTEMPTS: usize = 3;
 
@@ -47,7 +51,7 @@ pub fn scene(
         job.settings.clone(),
         Engine::detect(),
     )
-    .map_err(|e| usage(e.to_string()))?;
+    .map_err(no_renderer)?;
     let budget = Budget::new(prepared, appearance, &renderer, job)?;
     if args.process.overwrite || !Store::at(&link_target(out))?.exists()? {
         report::check_space(out, job, args.process.force)?;
@@ -133,12 +137,17 @@ impl Budget {
         renderer: &Renderer<'_>,
         job: &SceneJob,
     ) -> Result<Self> {
-        let fixed =
-            prepared.bytes() + appearance.bytes() + renderer.bytes() + prepared.threads * THREAD_BYTES;
+        let limit = prepared.limit.bytes as usize;
+        let pages = if prepared.mesh.scratch().file_bytes() > 0 { limit / SCRATCH_PART } else { 0 };
+        let fixed = prepared.bytes()
+            + appearance.bytes()
+            + renderer.bytes()
+            + prepared.threads * THREAD_BYTES
+            + pages;
         let shard = job.spec.shard_shape().pixels() * job.plane_bytes() * job.spec.sheets;
         let row = renderer.grid().across() * TILE_PX * TILE_PX * job.plane_bytes();
         let needed = fixed + shard + row;
-        let left = (prepared.limit.bytes as usize).checked_sub(needed).ok_or_else(|| {
+        let left = limit.checked_sub(needed).ok_or_else(|| {
             prepared.limit.too_small(format!(
                 "the mesh with its textures and lists takes {}, one shard of {} surfaces {}",
                 mib(fixed),

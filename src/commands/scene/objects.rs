@@ -48,8 +48,8 @@ mod tests {
     fn part(node: u32, z: f64, left: f64, right: f64) -> Part {
         let positions = vec![[left, -9.0, -z], [right, -9.0, -z], [right, 9.0, -z], [left, 9.0, -z]];
         let geometry = Geometry {
-            positions: Positions::F64(positions),
-            triangles: vec![[0, 1, 2], [0, 2, 3]],
+            positions: Positions::F64(positions.into()),
+            triangles: vec![[0, 1, 2], [0, 2, 3]].into(),
             ..Geometry::default()
         };
         let unit = |i: usize| std::array::from_fn(|k| if i == k { 1.0 } else { 0.0 });

@@ -2,6 +2,7 @@
 
 use super::chart_frame::{check_size, frame, margin_note, pinhole};
 use super::illuminant::illuminant;
+use super::scratch;
 use super::seen::Seen;
 use crate::args::{MeshUnit, MissingTextures, SceneArgs, SolidsArg, UpAxisArg};
 use crate::design;
@@ -10,14 +11,15 @@ use crate::machine::{MAX_DEFAULT, MemoryLimit, threads};
 use crate::outputs::Guard;
 use crate::progress::mib;
 use anyhow::{Context, Result};
-use formats::mesh::{self, Limits, MeshError, SourceFile};
+use formats::mesh::{self, Limits, SourceFile};
 use formats::mesh_name::is_mesh;
 use pipeline::design::pinhole::Pinhole;
 use pipeline::scene::description::{Camera, Scene};
 use pipeline::scene::frame::Frame;
 use pipeline::scene::horizon::UpAxis;
-use pipeline::scene::mesh::{Mesh, MeshOptions};
+use pipeline::scene::mesh::{Mesh, MeshError, MeshOptions};
 use pipeline::scene::pose::Pose;
+use pipeline::scratch::Scratch;
 use std::path::PathBuf;
 
 /// Distance in focal lengths below which a surface is too near for a picture.
@@ -27,9 +29,6 @@ const OTHER_FIELD: f64 = 0.01;
 
 /// Share by which a vergence may exceed that of `--depths-m`.
 const NEARER: f64 = 0.02;
-/// Bytes of a triangle while the mesh is placed before the camera, its vertices included.
-const TRIANGLE_BYTES: usize = 72;
-
 /// What a scene is made of.
 pub struct Prepared {
     /// As the file has it.
@@ -82,13 +81,17 @@ impl Prepared {
         if let Some(folder) = args.look.allow_path.iter().find(|folder| !folder.is_dir()) {
             return Err(usage(format!("--allow-path {}: there is no such folder", folder.display())));
         }
+        let folder = scratch::folder(args.out.as_deref());
+        let lists = Scratch::new(&folder, limit.bytes);
         let limits = Limits {
+            scratch: lists.clone(),
             allow_paths: args.look.allow_path.clone(),
             missing_textures_grey: args.look.missing_textures == MissingTextures::Grey,
             ..Limits::of_memory(limit.bytes)
         };
         let (mut scene, sources) = mesh::read(&args.mesh, &limits).map_err(|e| match e {
-            MeshError::Io { .. } => e.into(),
+            mesh::MeshError::Io { .. } => e.into(),
+            mesh::MeshError::Scratch(e) => scratch::no_room(&e),
             e => usage(e.to_string()),
         })?;
         check_outputs(args, &sources)?;
@@ -96,15 +99,19 @@ impl Prepared {
         notes.extend(sun_note(args));
         let (pose, camera) = pose(args, &scene, unit_m, up)?;
         let read: usize = scene.bytes();
-        let triangles: usize = scene.parts.iter().map(|part| part.geometry.triangles.len()).sum();
-        check_memory(&limit, read + triangles * TRIANGLE_BYTES, "the mesh with its textures")?;
+        check_memory(&limit, read, "the mesh with its textures")?;
+        let triangles: u64 = scene.parts.iter().map(|part| part.geometry.triangles.len() as u64).sum();
+        scratch::check_space(&lists, &folder, triangles)?;
         let options = MeshOptions {
             unit_m,
             solids: args.surfaces.solids == SolidsArg::Auto,
             two_sided: args.surfaces.two_sided,
         };
-        let mesh = Mesh::new(&scene.parts, &scene.materials, &pose, options)
-            .map_err(|e| usage(format!("mesh {}: {e}", args.mesh.display())))?;
+        let mesh = Mesh::with_scratch(&scene.parts, &scene.materials, &pose, options, &lists);
+        let mesh = mesh.map_err(|e| match e {
+            MeshError::Scratch(e) => scratch::no_room(&e),
+            e => usage(format!("mesh {}: {e}", args.mesh.display())),
+        })?;
         let facts = mesh.facts();
         let range = args.depths_m.unwrap_or((1.0 / facts.farthest_m, 1.0 / facts.nearest_m.max(near_m)));
         let range = (range.0.min(range.1), range.1);
@@ -152,7 +159,7 @@ impl Prepared {
         })
     }
 
-    /// Bytes of the mesh, as the file has it and before the camera.
+    /// Bytes in memory of the mesh, as the file has it and before the camera.
     pub fn bytes(&self) -> usize {
         self.mesh.bytes() + self.scene.bytes()
     }

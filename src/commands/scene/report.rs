@@ -67,7 +67,8 @@ pub fn print_info(prepared: &Prepared, job: &SceneJob) {
     let facts = prepared.mesh.facts();
     let pinhole = &prepared.pinhole;
     let samples = pinhole.size.pixels() as f64 * job.settings.samples as f64;
-    let core_s = samples / SAMPLES_PER_S + job.bytes() as f64 / BYTES_PER_S;
+    let core_s =
+        samples / SAMPLES_PER_S + facts.triangles as f64 / TRIANGLES_PER_S + job.bytes() as f64 / BYTES_PER_S;
     let camera = prepared.camera.as_ref().map_or("--eye, --target".to_owned(), |name| format!("`{name}`"));
     print(format!(
         "triangles               {} in {}, {} materials, {} textures\n\
@@ -77,7 +78,7 @@ pub fn print_info(prepared: &Prepared, job: &SceneJob) {
          covered                 {:.1} % of the chart\n\
          chart                   {} px{}, {} px beyond the film on each side; {} with spectra {}\n\
          surfaces                up to {}; told apart from {:.5} dioptres; hidden ones within {} of edges\n\
-         disk                    {} before compression\n\
+         disk                    {} before compression{}\n\
          work                    about {core_s:.0} core s, {} threads",
         facts.triangles,
         plural(prepared.scene.parts.len(), "part"),
@@ -100,6 +101,10 @@ pub fn print_info(prepared: &Prepared, job: &SceneJob) {
         job.settings.gap_dioptre,
         job.reach_px.map_or("any distance".to_owned(), |px| format!("{px} px")),
         data_size(job.bytes()),
+        match prepared.mesh.scratch().file_bytes() {
+            0 => String::new(),
+            bytes => format!("; a scratch file of {} beside it", data_size(bytes)),
+        },
         prepared.threads,
     ));
 }

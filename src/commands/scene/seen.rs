@@ -2,6 +2,7 @@
 //! opaque.
 
 use super::chart_frame::frame;
+use super::scratch::no_renderer;
 use crate::args::SceneArgs;
 use crate::failure::usage;
 use anyhow::Result;
@@ -66,8 +67,7 @@ impl Seen {
             is_near_cut: args.view.near_m.is_some(),
             background: None,
         };
-        let renderer = Renderer::new(mesh, frame, &Unlit, settings, Engine::detect())
-            .map_err(|e| usage(e.to_string()))?;
+        let renderer = Renderer::new(mesh, frame, &Unlit, settings, Engine::detect()).map_err(no_renderer)?;
         let (mut worker, mut counts, mut covered) = (renderer.worker(), Counts::default(), 0);
         for tile in 0..renderer.grid().tiles() {
             let front = renderer.front(tile, &mut worker);

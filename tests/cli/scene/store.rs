@@ -51,6 +51,70 @@ fn bytes_do_not_depend_on_threads_memory_or_kills() {
     assert!(files(&killed) == expected);
 }
 
+/// A wavy net of 2·`side`² triangles before a camera at the origin, as glTF.
+fn net(path: &Path, side: u32) {
+    let across = side + 1;
+    let vertices: Vec<f32> = (0..across * across)
+        .flat_map(|k| {
+            let at = |n: u32| 6.0 * (n as f32 / side as f32 - 0.5);
+            let (x, y) = (at(k % across), at(k / across));
+            [x, y, -2.0 + 0.2 * (5.0 * x).sin() * (7.0 * y).cos()]
+        })
+        .collect();
+    let corners = (0..side * side).flat_map(|k| {
+        let a = k / side * across + k % side;
+        [a, a + 1, a + across + 1, a, a + across + 1, a + across]
+    });
+    let mut binary: Vec<u8> = vertices.iter().flat_map(|v| v.to_le_bytes()).collect();
+    let split = binary.len();
+    binary.extend(corners.flat_map(u32::to_le_bytes));
+    let mut json = serde_json::json!({
+        "asset": {"version": "2.0"}, "nodes": [{"mesh": 0}], "scenes": [{"nodes": [0]}],
+        "meshes": [{"primitives": [{"attributes": {"POSITION": 0}, "indices": 1}]}],
+        "buffers": [{"byteLength": binary.len()}],
+        "bufferViews": [
+            {"buffer": 0, "byteOffset": 0, "byteLength": split},
+            {"buffer": 0, "byteOffset": split, "byteLength": binary.len() - split}
+        ],
+        "accessors": [
+            {"bufferView": 0, "componentType": 5126, "type": "VEC3", "count": across * across},
+            {"bufferView": 1, "componentType": 5125, "type": "SCALAR", "count": 6 * side * side}
+        ]
+    })
+    .to_string();
+    json.push_str(&" ".repeat(3 - (json.len() + 3) % 4));
+    let chunk =
+        |kind: &[u8; 4], bytes: &[u8]| [&(bytes.len() as u32).to_le_bytes(), &kind[..], bytes].concat();
+    let chunks = [chunk(b"JSON", json.as_bytes()), chunk(b"BIN\0", &binary)].concat();
+    let header = [&b"glTF"[..], &2u32.to_le_bytes(), &(12 + chunks.len() as u32).to_le_bytes()].concat();
+    std::fs::write(path, [header, chunks].concat()).unwrap();
+}
+
+/// Lists of a mesh that do not fit into half of the memory are in a scratch file, of which nothing remains, and change no byte.
+#[test]
+fn a_mesh_beyond_memory_is_in_a_scratch_file() {
+    let place = Place::new();
+    let mesh = place.at("net.glb");
+    net(&mesh, 600);
+    let view = ["--lens", "phone", "--focus-m", "1", "--film-pitch-um", "40", "--film-size", "90x60"];
+    let camera = ["--eye", "0,0,0", "--target", "0,0,-1", "--threads", "1", "--quiet"];
+    let make = |name: &str, memory: &str| {
+        let out = place.at(name);
+        let paths = ["scene", text(&mesh), text(&out)];
+        lenscube(&[&paths[..], &view, &camera, &["--memory", memory]].concat()).ok();
+        files(&out)
+    };
+    let expected = make("whole.zarr", "1GiB");
+    assert!(make("small.zarr", "100MiB") == expected);
+    assert_eq!(std::fs::read_dir(place.0.path()).unwrap().count(), 3);
+    let info = |memory: &str| {
+        let flags = ["scene", text(&mesh), "--info", "--memory", memory];
+        lenscube(&[&flags[..], &view, &camera[..6]].concat()).ok().stdout
+    };
+    assert!(info("100MiB").contains("; a scratch file of "));
+    assert!(!info("1GiB").contains("scratch"));
+}
+
 /// `status` and `verify` name a scene; one that is made is no mesh; a sun below the horizon has a note.
 #[test]
 fn other_commands_name_a_scene() {

@@ -4,10 +4,14 @@
 //! products that cannot overflow; nothing is allocated before. Without a view the elements are 0. Sparse elements replace those at
 //! strictly increasing numbers.
 
+use super::super::context::Context;
 use super::super::error::MeshError;
+use super::super::grow;
 use super::document::{Document, slice};
 use super::element::{Component, components, to_f32, unsigned};
 use super::json;
+use bytemuck::Pod;
+use pipeline::scratch::List;
 
 /// An accessor whose elements are all within its buffers.
 pub(super) struct Accessor<'d> {
@@ -132,16 +136,25 @@ impl<'d> Accessor<'d> {
     }
 
     /// Elements of N components, the first N of each, as f32.
-    pub(super) fn vectors<const N: usize>(&self, selection: Selection<'_>) -> Vec<[f32; N]> {
+    ///
+    /// # Errors
+    /// They do not fit into memory; `place` states them.
+    pub(super) fn vectors<const N: usize>(
+        &self,
+        context: &Context<'_>,
+        selection: Selection<'_>,
+        place: &str,
+    ) -> Result<List<[f32; N]>, MeshError> {
         let length = selection.len(self.count);
-        let mut out = Vec::with_capacity(length);
-        match self.base {
-            None => out.resize(length, [0.0; N]),
+        let mut out = match self.base {
+            None => zeros(context, length, place)?,
             Some(base) => {
+                let mut out = grow::list(context, place, length as u64)?;
                 let elements = (0..length).map(|i| base.element(selection.number(i)));
                 to_f32(self.component, self.is_normalised, elements, &mut out);
+                out
             }
-        }
+        };
         if let Some(sparse) = &self.sparse {
             let mut replaced = Vec::with_capacity(1);
             for i in 0..sparse.count {
@@ -153,22 +166,35 @@ impl<'d> Accessor<'d> {
                 }
             }
         }
-        out
+        Ok(out)
     }
 
     /// Unsigned integers, the first component of each element.
-    pub(super) fn integers(&self) -> Vec<u32> {
+    ///
+    /// # Errors
+    /// They do not fit into memory; `place` states them.
+    pub(super) fn integers(&self, context: &Context<'_>, place: &str) -> Result<List<u32>, MeshError> {
         let mut out = match self.base {
-            None => vec![0; self.count],
-            Some(base) => (0..self.count).map(|i| unsigned(self.component, base.element(i))).collect(),
+            None => zeros(context, self.count, place)?,
+            Some(base) => {
+                let mut out = grow::list(context, place, self.count as u64)?;
+                out.extend((0..self.count).map(|i| unsigned(self.component, base.element(i))));
+                out
+            }
         };
         if let Some(sparse) = &self.sparse {
             for i in 0..sparse.count {
                 out[sparse.number(i)] = unsigned(self.component, sparse.values.element(i));
             }
         }
-        out
+        Ok(out)
     }
+}
+
+/// Elements without a view, whose number no bytes of the file confirm: in memory, whose limit they have.
+fn zeros<T: Pod>(context: &Context<'_>, count: usize, place: &str) -> Result<List<T>, MeshError> {
+    grow::charge_items::<T>(context, place, count as u64)?;
+    Ok(vec![T::zeroed(); count].into())
 }
 
 impl<'d> Sparse<'d> {

@@ -1,6 +1,5 @@
 //! Objects of a file by number; the bytes of its buffers, read when they are used first.
 
-use std::borrow::Cow;
 use std::cell::OnceCell;
 
 use super::super::context::Context;
@@ -8,6 +7,7 @@ use super::super::error::MeshError;
 use super::super::source::read_file;
 use super::super::uri;
 use super::json::{Buffer, Root};
+use pipeline::scratch::List;
 
 /// A parsed file.
 pub(super) struct Document<'a> {
@@ -15,7 +15,15 @@ pub(super) struct Document<'a> {
     pub(super) json: Root<'a>,
     /// The buffer chunk of a `.glb`.
     binary: Option<&'a [u8]>,
-    buffers: Vec<OnceCell<Cow<'a, [u8]>>>,
+    buffers: Vec<OnceCell<Bytes<'a>>>,
+}
+
+/// Bytes of a buffer.
+enum Bytes<'a> {
+    /// Of the file itself.
+    Whole(&'a [u8]),
+    /// Of another, or decoded.
+    Own(List<u8>),
 }
 
 /// Bytes of a buffer view.
@@ -78,6 +86,10 @@ impl<'a> Document<'a> {
                 cell.get_or_init(|| bytes)
             }
         };
+        let bytes = match bytes {
+            Bytes::Whole(bytes) => bytes,
+            Bytes::Own(bytes) => &bytes[..],
+        };
         usize::try_from(declared.byte_length).ok().and_then(|length| bytes.get(..length)).ok_or_else(|| {
             let found = format!("{}; is the file truncated?", bytes.len());
             self.context.invalid(
@@ -88,16 +100,16 @@ impl<'a> Document<'a> {
         })
     }
 
-    fn load(&self, index: usize) -> Result<Cow<'a, [u8]>, MeshError> {
+    fn load(&self, index: usize) -> Result<Bytes<'a>, MeshError> {
         let place = format!("buffers[{index}]");
         let Some(name) = self.json.buffers[index].uri.as_ref().map(|text| &*text.0) else {
             return match self.binary {
-                Some(bytes) if index == 0 => Ok(Cow::Borrowed(bytes)),
+                Some(bytes) if index == 0 => Ok(Bytes::Whole(bytes)),
                 _ => Err(self.context.invalid(place, "a uri, or the BIN chunk of a .glb", "none")),
             };
         };
         if uri::is_data(name) {
-            return uri::decode_data(self.context, &place, name).map(Cow::Owned);
+            return Ok(Bytes::Own(uri::decode_data(self.context, &place, name)?.into()));
         }
         let file = uri::find(self.context, &place, name)?;
         let Some(opened) = file.opened else {
@@ -109,7 +121,7 @@ impl<'a> Document<'a> {
                 way_out,
             });
         };
-        read_file(self.context, &file.named, &opened).map(Cow::Owned)
+        read_file(self.context, &file.named, &opened).map(Bytes::Own)
     }
 }
 

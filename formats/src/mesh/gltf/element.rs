@@ -77,7 +77,7 @@ pub(super) fn to_f32<'a, const N: usize>(
     component: Component,
     is_normalised: bool,
     elements: impl Iterator<Item = &'a [u8]>,
-    out: &mut Vec<[f32; N]>,
+    out: &mut impl Extend<[f32; N]>,
 ) {
     match (component, is_normalised) {
         (Component::F32, _) => convert(elements, out, f32::from_le_bytes),
@@ -100,7 +100,7 @@ pub(super) fn to_f32<'a, const N: usize>(
 
 fn convert<'a, const N: usize, const S: usize>(
     elements: impl Iterator<Item = &'a [u8]>,
-    out: &mut Vec<[f32; N]>,
+    out: &mut impl Extend<[f32; N]>,
     one: impl Fn([u8; S]) -> f32,
 ) {
     out.extend(elements.map(|element| {

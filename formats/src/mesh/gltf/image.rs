@@ -4,6 +4,7 @@ use std::collections::HashMap;
 use std::path::Path;
 
 use super::super::error::MeshError;
+use super::super::grow;
 use super::super::shown::shown;
 use super::super::source::read_file;
 use super::super::{texture, uri};
@@ -120,7 +121,7 @@ impl<'d, 'a> Images<'d, 'a> {
         let context = self.document.context;
         let bytes = read_file(context, named, opened)?;
         let texture = texture::decode(context, named, place, name, &bytes);
-        context.release(bytes.len() as u64);
+        grow::free(context, bytes);
         texture
     }
 

@@ -7,6 +7,7 @@ use std::collections::HashMap;
 use std::sync::Arc;
 
 use super::super::error::MeshError;
+use super::super::grow;
 use super::super::shown::counted;
 use super::accessor::{Accessor, Selection};
 use super::document::Document;
@@ -15,6 +16,7 @@ use super::json::{Attributes, Primitive};
 use super::material::Materials;
 use super::topology::Topology;
 use pipeline::scene::description::{Geometry, Positions};
+use pipeline::scratch::List;
 
 /// A primitive of triangles, and the number of its material.
 type Read = Option<(Arc<Geometry>, usize)>;
@@ -27,7 +29,7 @@ pub(super) struct Primitives<'d, 'a> {
 }
 
 /// Triangles, and the vertices of the file that they number, if not all.
-type Indexed = (Vec<[u32; 3]>, Option<Vec<u32>>);
+type Indexed = (List<[u32; 3]>, Option<List<u32>>);
 
 /// Numbers of what is not read.
 #[derive(Default)]
@@ -173,12 +175,12 @@ impl<'d> Reader<'_, 'd, '_> {
         let selection = used.as_deref().map_or(Selection::All, Selection::Some);
         let positions = self.vectors::<3>("POSITION", &positions, selection)?;
         let colours = match self.attribute("COLOR_0", &COLOUR, Some(vertices))? {
-            None => Vec::new(),
+            None => List::default(),
             Some(accessor) if accessor.components == 4 => self.vectors("COLOR_0", &accessor, selection)?,
-            Some(accessor) => self.opaque(&self.vectors("COLOR_0", &accessor, selection)?)?,
+            Some(accessor) => self.opaque(self.vectors("COLOR_0", &accessor, selection)?)?,
         };
         let normals = match self.attribute("NORMAL", &NORMAL, Some(vertices))? {
-            None => Vec::new(),
+            None => List::default(),
             Some(accessor) => self.vectors("NORMAL", &accessor, selection)?,
         };
         self.left_out.zero_normals += normals.iter().filter(|&&n| n == [0.0; 3]).count();
@@ -198,10 +200,8 @@ impl<'d> Reader<'_, 'd, '_> {
         };
         let accessor = Accessor::open(self.document, number, &|| format!("{}.indices", self.place()))?;
         self.check(".indices", &accessor, &INDICES)?;
-        let index_bytes = 4 * accessor.count as u64;
-        // The list, and in it the used vertices once more.
-        self.document.context.charge(2 * index_bytes, || self.place())?;
-        let mut indices = accessor.integers();
+        let context = self.document.context;
+        let mut indices = accessor.integers(context, &self.place())?;
         if let Some((at, &index)) = indices.iter().enumerate().find(|&(_, &index)| index as usize >= vertices)
         {
             let place = format!(".indices[{at}]");
@@ -217,19 +217,36 @@ impl<'d> Reader<'_, 'd, '_> {
             let expected = format!("a vertex below {restart}, which restarts primitives");
             return Err(self.invalid(&format!(".indices[{at}]"), &expected, format!("vertex {restart}")));
         }
-        let used = (indices.len() < vertices).then(|| {
-            let mut used = indices.clone();
-            used.sort_unstable();
-            used.dedup();
-            for index in &mut indices {
-                *index =
-                    used.binary_search(index).map_or(u32::MAX, |at| u32::try_from(at).unwrap_or(u32::MAX));
+        let used = match indices.len() < vertices {
+            true => {
+                let used = self.used(&indices)?;
+                for index in &mut indices[..] {
+                    let at = used.binary_search(index).ok();
+                    *index = at.and_then(|at| u32::try_from(at).ok()).unwrap_or(u32::MAX);
+                }
+                Some(used)
             }
-            used
-        });
+            false => None,
+        };
         let triangles = self.assembled(topology, indices.len(), |i| indices[i])?;
-        self.document.context.release(2 * index_bytes);
+        grow::free(context, indices);
         Ok((triangles, used))
+    }
+
+    /// The vertices of `indices`, each once, ascending.
+    fn used(&self, indices: &[u32]) -> Result<List<u32>, MeshError> {
+        let mut used = grow::list(self.document.context, &self.place(), indices.len() as u64)?;
+        used.extend(indices.iter().copied());
+        used.sort_unstable();
+        let mut count = 0;
+        for i in 0..used.len() {
+            if i == 0 || used[i] != used[i - 1] {
+                used[count] = used[i];
+                count += 1;
+            }
+        }
+        used.resize(count, 0);
+        Ok(used)
     }
 
     /// Triangles of a sequence of vertices.
@@ -238,12 +255,13 @@ impl<'d> Reader<'_, 'd, '_> {
         topology: Topology,
         length: usize,
         vertex: impl Fn(usize) -> u32,
-    ) -> Result<Vec<[u32; 3]>, MeshError> {
+    ) -> Result<List<[u32; 3]>, MeshError> {
         let number = topology.triangles(length);
         let is_complete = topology != Topology::List || length.is_multiple_of(3);
         self.left_out.incomplete += usize::from(!is_complete);
-        self.document.context.charge(12 * number as u64, || self.place())?;
-        Ok((0..number).map(|i| topology.triangle(i, &vertex)).collect())
+        let mut triangles = grow::list(self.document.context, &self.place(), number as u64)?;
+        triangles.extend((0..number).map(|i| topology.triangle(i, &vertex)));
+        Ok(triangles)
     }
 
     /// Texture coordinates: those of `sets`, others empty.
@@ -252,11 +270,11 @@ impl<'d> Reader<'_, 'd, '_> {
         sets: [Option<usize>; 2],
         vertices: usize,
         selection: Selection<'_>,
-    ) -> Result<Vec<Vec<[f32; 2]>>, MeshError> {
-        let mut texcoords: Vec<Vec<[f32; 2]>> = Vec::new();
+    ) -> Result<Vec<List<[f32; 2]>>, MeshError> {
+        let mut texcoords: Vec<List<[f32; 2]>> = Vec::new();
         for set in sets.into_iter().flatten() {
             if texcoords.len() <= set {
-                texcoords.resize_with(set + 1, Vec::new);
+                texcoords.resize_with(set + 1, List::default);
             }
             if !texcoords[set].is_empty() {
                 continue;
@@ -266,9 +284,8 @@ impl<'d> Reader<'_, 'd, '_> {
                 Some(accessor) => self.vectors(&name, &accessor, selection)?,
                 None => {
                     self.left_out.without_texcoords += 1;
-                    let length = selection.len(vertices);
-                    self.document.context.charge(8 * length as u64, || self.place())?;
-                    vec![[0.0; 2]; length]
+                    let length = selection.len(vertices) as u64;
+                    grow::zeros(self.document.context, &self.place(), length)?
                 }
             };
         }
@@ -324,10 +341,8 @@ impl<'d> Reader<'_, 'd, '_> {
         name: &str,
         accessor: &Accessor<'_>,
         selection: Selection<'_>,
-    ) -> Result<Vec<[f32; N]>, MeshError> {
-        let bytes = (4 * N * selection.len(accessor.count)) as u64;
-        self.document.context.charge(bytes, || self.place())?;
-        let vectors = accessor.vectors::<N>(selection);
+    ) -> Result<List<[f32; N]>, MeshError> {
+        let vectors = accessor.vectors::<N>(self.document.context, selection, &self.place())?;
         match vectors.iter().position(|v| !v.iter().all(|c| c.is_finite())) {
             None => Ok(vectors),
             Some(at) => {
@@ -338,10 +353,12 @@ impl<'d> Reader<'_, 'd, '_> {
     }
 
     /// Colours with alpha 1.
-    fn opaque(&self, colours: &[[f32; 3]]) -> Result<Vec<[f32; 4]>, MeshError> {
-        self.document.context.charge(16 * colours.len() as u64, || self.place())?;
-        self.document.context.release(12 * colours.len() as u64);
-        Ok(colours.iter().map(|&[r, g, b]| [r, g, b, 1.0]).collect())
+    fn opaque(&self, colours: List<[f32; 3]>) -> Result<List<[f32; 4]>, MeshError> {
+        let context = self.document.context;
+        let mut opaque = grow::list(context, &self.place(), colours.len() as u64)?;
+        opaque.extend(colours.iter().map(|&[r, g, b]| [r, g, b, 1.0]));
+        grow::free(context, colours);
+        Ok(opaque)
     }
 
     fn invalid(&self, property: &str, expected: &str, found: String) -> MeshError {

@@ -10,6 +10,7 @@ use super::super::shown::{counted, shown};
 use super::super::text::{Lines, keyword, name, quote, words};
 use super::invalid;
 use super::vertices::{Counts, Vertices};
+use pipeline::scratch::List;
 
 /// No texture coordinates, or no normal.
 pub(super) const NONE: u32 = u32::MAX;
@@ -32,9 +33,9 @@ pub(super) struct PartKey {
 /// All faces of a file.
 #[derive(Default)]
 pub(super) struct Faces {
-    pub triangles: Vec<[Corner; 3]>,
+    pub triangles: List<[Corner; 3]>,
     /// Of each triangle.
-    pub part: Vec<u32>,
+    pub part: List<u32>,
     /// Key and node of each part.
     pub parts: Vec<(PartKey, u32)>,
     /// Line and text of each `mtllib`.
@@ -167,7 +168,7 @@ struct State<'a> {
     current: [[Option<u32>; 2]; 2],
     numbers: HashMap<PartKey, u32>,
     nodes: HashMap<(String, String), u32>,
-    corners: Vec<Corner>,
+    corners: List<Corner>,
     triangulator: Triangulator,
     most_corners: u64,
 }
@@ -183,7 +184,7 @@ impl<'a> State<'a> {
             current: [[None; 2]; 2],
             numbers: HashMap::new(),
             nodes: HashMap::new(),
-            corners: Vec::new(),
+            corners: List::default(),
             triangulator: Triangulator::default(),
             most_corners: 0,
         }
@@ -202,7 +203,7 @@ impl<'a> State<'a> {
         faces: &mut Faces,
     ) -> Result<(), MeshError> {
         let mut corners = std::mem::take(&mut self.corners);
-        corners.clear();
+        corners.resize(0, [0; 3]);
         for word in words(text).take_while(|word| word[0] != b'#') {
             let corner = self.corner(word);
             let corner = corner.map_err(|expected| invalid(context.path, line, expected, quote(word)))?;

@@ -13,6 +13,7 @@ use std::path::PathBuf;
 
 use super::super::context::Context;
 use super::super::error::MeshError;
+use super::super::grow;
 use super::super::paths::resolve;
 use super::super::shown::shown;
 use super::super::source::read_file;
@@ -207,7 +208,7 @@ impl Textures<'_> {
         let bytes = read_file(self.context, &file.path, &file.path)?;
         let place = format!("texture of material {}", shown(material));
         let texture = texture::decode(self.context, &file.path, &place, file.map.reference.clone(), &bytes)?;
-        self.context.release(bytes.len() as u64);
+        grow::free(self.context, bytes);
         Ok(texture)
     }
 

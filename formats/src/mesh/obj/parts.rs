@@ -11,6 +11,7 @@ use super::super::grow;
 use super::faces::{Corner, Faces, NONE, PartKey};
 use super::vertices::Vertices;
 use pipeline::scene::description::{Geometry, Part, Positions};
+use pipeline::scratch::List;
 
 /// Memory of an entry of [`Numbering::others`]: 17 bytes at a load of 7/8, twice that after growth, with the table before it.
 const ENTRY_BYTES: u64 = 64;
@@ -31,8 +32,7 @@ pub(super) fn build(
         ends[part + 1] += ends[part];
     }
     let mut next = ends.clone();
-    grow::charge_items::<u32>(context, "triangles", faces.triangles.len() as u64)?;
-    let mut order = vec![0u32; faces.triangles.len()];
+    let mut order = grow::zeros(context, "triangles", faces.triangles.len() as u64)?;
     for (triangle, &part) in faces.part.iter().enumerate() {
         order[next[part as usize]] = triangle as u32;
         next[part as usize] += 1;
@@ -67,17 +67,18 @@ fn part_name(context: &Context<'_>, key: &PartKey) -> String {
 /// Numbers of vertices in a part.
 struct Numbering {
     /// Of each position: the first vertex there.
-    first: Vec<u32>,
+    first: List<u32>,
     /// Vertices of the part.
-    corners: Vec<Corner>,
+    corners: List<Corner>,
     /// Further vertices at a position.
     others: HashMap<Corner, u32>,
 }
 
 impl Numbering {
     fn new(context: &Context<'_>, positions: usize) -> Result<Self, MeshError> {
-        grow::charge_items::<u32>(context, "numbers of vertices", positions as u64)?;
-        Ok(Self { first: vec![NONE; positions], corners: Vec::new(), others: HashMap::new() })
+        let mut first = grow::list(context, "numbers of vertices", positions as u64)?;
+        first.resize(positions, NONE);
+        Ok(Self { first, corners: List::default(), others: HashMap::new() })
     }
 
     fn geometry(
@@ -136,7 +137,7 @@ impl Numbering {
     /// Ends a part.
     fn clear(&mut self, context: &Context<'_>) {
         self.corners.iter().for_each(|corner| self.first[corner[0] as usize] = NONE);
-        self.corners.clear();
+        self.corners.resize(0, [0; 3]);
         context.release(self.others.len() as u64 * ENTRY_BYTES);
         // Not `clear`, whose time is that of the largest part.
         self.others = HashMap::new();

@@ -7,6 +7,7 @@ use super::super::text::{Lines, keyword, quote, words};
 use super::faces::Corner;
 use super::{invalid, numbers, single};
 use pipeline::colour::srgb_decode;
+use pipeline::scratch::List;
 
 /// Numbers of statements.
 #[derive(Default)]
@@ -38,11 +39,11 @@ impl Counts {
 
 /// All vertices of a file, by index − 1.
 pub(super) struct Vertices {
-    pub positions: Vec<[f64; 3]>,
-    pub texcoords: Vec<[f32; 2]>,
-    pub normals: Vec<[f32; 3]>,
+    pub positions: List<[f64; 3]>,
+    pub texcoords: List<[f32; 2]>,
+    pub normals: List<[f32; 3]>,
     /// Per position; empty without. The fourth number is [`UNCOLOURED`] or [`BEYOND`] for a note, else 1.
-    pub colours: Vec<[f32; 4]>,
+    pub colours: List<[f32; 4]>,
 }
 
 /// Mark of a position without colour.
@@ -65,7 +66,7 @@ impl Vertices {
             positions: grow::list(context, "positions", counts.positions)?,
             texcoords: grow::list(context, "texture coordinates", counts.texcoords)?,
             normals: grow::list(context, "normals", counts.normals)?,
-            colours: Vec::new(),
+            colours: List::default(),
         };
         let mut weighted = 0u64;
         let mut lines = Lines::new(text);

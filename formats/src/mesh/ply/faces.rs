@@ -8,15 +8,16 @@ use super::super::shown::counted;
 use super::elements::{self, Fault, Sink, list_length, possible_rows, skip, wrong};
 use super::header::{Element, Property};
 use super::rows::Rows;
+use pipeline::scratch::List;
 
 /// Faces as their file lists them.
 #[derive(Default)]
 pub(super) struct Faces {
     /// Corners of all faces, and where each face ends.
-    corners: Vec<u32>,
-    ends: Vec<u64>,
+    corners: List<u32>,
+    ends: List<u64>,
     /// Triangles of strips.
-    strips: Vec<[u32; 3]>,
+    strips: List<[u32; 3]>,
 }
 
 impl Faces {
@@ -58,9 +59,9 @@ impl Faces {
         &self,
         context: &Context<'_>,
         position: impl Fn(u32) -> [f64; 3],
-    ) -> Result<Vec<[u32; 3]>, MeshError> {
+    ) -> Result<List<[u32; 3]>, MeshError> {
         let starts = || std::iter::once(0).chain(self.ends.iter().copied());
-        let lengths = || starts().zip(&self.ends).map(|(start, &end)| end - start);
+        let lengths = || starts().zip(&self.ends[..]).map(|(start, &end)| end - start);
         let count: u64 = lengths().map(|length| length.saturating_sub(2)).sum();
         if count + self.strips.len() as u64 >= u64::from(u32::MAX) {
             return Err(context.invalid("faces", "less than 4294967295 triangles", count.to_string()));
@@ -70,7 +71,7 @@ impl Faces {
         let scratch = most * Triangulator::BYTES_PER_CORNER;
         context.charge(scratch, || format!("a polygon of {most} corners"))?;
         let mut triangulator = Triangulator::default();
-        for (face, (start, &end)) in starts().zip(&self.ends).enumerate() {
+        for (face, (start, &end)) in starts().zip(&self.ends[..]).enumerate() {
             let corners = &self.corners[start as usize..end as usize];
             // Corners are fewer than triangles and two, or too few for any.
             let length = corners.len() as u32;
@@ -86,7 +87,7 @@ impl Faces {
             triangles.extend(divided.iter().map(|t| t.map(|corner| corners[corner as usize])));
         }
         context.release(scratch);
-        triangles.extend(&self.strips);
+        triangles.extend(self.strips.iter().copied());
         let small = lengths().filter(|&length| length < 3).count();
         if small > 0 {
             context.note(format!("{} with less than 3 corners ignored", counted(small, "face")));

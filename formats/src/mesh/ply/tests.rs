@@ -2,6 +2,7 @@
 
 use crate::mesh::{Limits, MeshError, read_ply};
 use pipeline::scene::description::{AlphaMode, Geometry, Positions, Scene};
+use pipeline::scratch::Scratch;
 
 fn read(bytes: impl AsRef<[u8]>) -> Result<Scene, MeshError> {
     let folder = tempfile::tempdir().unwrap();
@@ -47,7 +48,7 @@ fn ascii_polygons_become_triangles() {
     let scene = read(ascii(&format!("{TRIANGLE}1 1 0\n"), "4 0 1 3 2\n3 0 1 2\n2 0 1\n")).unwrap();
     let part = &scene.parts[0];
     assert_eq!(
-        (part.name.as_str(), part.geometry.triangles.as_slice()),
+        (part.name.as_str(), &part.geometry.triangles[..]),
         ("mesh", &[[0, 1, 3], [0, 3, 2], [0, 1, 2]][..])
     );
     assert_eq!(f32s(&part.geometry)[2], [0.0, 1.0, 0.1]);
@@ -389,4 +390,27 @@ fn elements_without_properties_have_no_rows() {
     let text = ascii(TRIANGLE, "3 0 1 2\n")
         .replace("element vertex", "element nothing 9000000000000000000\nelement vertex");
     assert_eq!(read(text).unwrap().parts[0].geometry.triangles.len(), 1);
+}
+
+#[test]
+fn lists_beyond_memory_are_in_a_scratch_file_and_have_the_same_values() {
+    let side = 150;
+    let vertices: String = (0..side * side).map(|k| format!("{} {} {k}\n", k % side, k / side)).collect();
+    let quad = |k: usize| format!("4 {k} {} {} {}\n", k + 1, k + side + 1, k + side);
+    let faces: String =
+        (0..side - 1).flat_map(|row| (0..side - 1).map(move |k| quad(row * side + k))).collect();
+    let folder = tempfile::tempdir().unwrap();
+    let path = folder.path().join("net.ply");
+    std::fs::write(&path, ascii(&vertices, &faces)).unwrap();
+    let of = |scratch: Scratch| {
+        let limits = Limits { scratch, ..Limits::of_memory(1 << 24) };
+        let scene = read_ply(&path, &limits).unwrap().0;
+        let geometry = &scene.parts[0].geometry;
+        (f32s(geometry).to_vec(), geometry.triangles.to_vec(), geometry.bytes())
+    };
+    let (positions, triangles, in_memory) = of(Scratch::default());
+    let scratch = Scratch::new(folder.path(), 0);
+    assert!(of(scratch.clone()) == (positions, triangles, 0));
+    assert!(in_memory > 500_000 && scratch.file_bytes() > 1_000_000);
+    assert_eq!(std::fs::read_dir(folder.path()).unwrap().count(), 1);
 }

@@ -227,7 +227,7 @@ fn check_parts(
         if let Some((what, found)) = sets.chain(others).find(|(_, n)| *n != 0 && *n != vertices) {
             return Err(AppearanceError::Attribute { part: part.name.clone(), what, found, vertices });
         }
-        let lacks = |t: &&TextureUse| geometry.texcoords.get(t.set).is_none_or(Vec::is_empty);
+        let lacks = |t: &&TextureUse| geometry.texcoords.get(t.set).is_none_or(|set| set.is_empty());
         if let Some(t) = textures_of(material).find(lacks) {
             notes.push(format!(
                 "part `{}` has no texture coordinates of set {}: a texture of its material `{}` is not used",

@@ -1,5 +1,6 @@
 //! Meshes that cannot be drawn.
 
+use crate::scratch::ScratchError;
 use std::fmt;
 
 /// Why there is no mesh.
@@ -50,6 +51,14 @@ pub enum MeshError {
         /// Materials of the scene.
         materials: usize,
     },
+    /// There is no room for what does not fit into memory.
+    Scratch(ScratchError),
+}
+
+impl From<ScratchError> for MeshError {
+    fn from(e: ScratchError) -> Self {
+        Self::Scratch(e)
+    }
 }
 
 impl fmt::Display for MeshError {
@@ -77,6 +86,7 @@ impl fmt::Display for MeshError {
             Self::NoMaterial { name, material, materials } => {
                 write!(f, "`{name}` has material {material}, of {materials} materials")
             }
+            Self::Scratch(e) => e.fmt(f),
         }
     }
 }

@@ -18,7 +18,8 @@ pub(crate) fn pose() -> Pose {
 }
 
 pub(crate) fn part(shape: Shape, material: usize) -> Part {
-    let geometry = Geometry { positions: Positions::F64(shape.0), triangles: shape.1, ..Geometry::default() };
+    let (positions, triangles) = (Positions::F64(shape.0.into()), shape.1.into());
+    let geometry = Geometry { positions, triangles, ..Geometry::default() };
     Part {
         name: format!("part of {material}"),
         node: 0,

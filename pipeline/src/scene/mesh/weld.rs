@@ -1,16 +1,20 @@
 //! Vertices at one place: the same three f32 values.
 
+use crate::scratch::{List, Scratch, ScratchError};
+
 /// Empty slot of the table.
 const EMPTY: u32 = u32::MAX;
 
 /// For each vertex the first one at its place. Vertices are finite and hold no −0.
 ///
 /// A table of 4 B slots with linear probing, at most half full.
-pub(super) fn weld(vertices: &[[f32; 3]]) -> Vec<u32> {
+pub(super) fn weld(vertices: &[[f32; 3]], scratch: &Scratch) -> Result<List<u32>, ScratchError> {
     let slots = (2 * vertices.len()).next_power_of_two().max(2);
-    let mut table = vec![EMPTY; slots];
+    let mut list = scratch.list(slots)?;
+    list.resize(slots, EMPTY);
+    let table = &mut list[..];
     let mask = slots - 1;
-    let mut first = Vec::with_capacity(vertices.len());
+    let mut first = scratch.list(vertices.len())?;
     for (i, v) in vertices.iter().enumerate() {
         let mut slot = hash(v) as usize & mask;
         first.push(loop {
@@ -24,7 +28,7 @@ pub(super) fn weld(vertices: &[[f32; 3]]) -> Vec<u32> {
             }
         });
     }
-    first
+    Ok(first)
 }
 
 /// Mixes all bits of the coordinates (the finaliser of `SplitMix64`, twice).
@@ -48,7 +52,7 @@ mod tests {
     fn vertices_at_one_place_are_one() {
         let places: Vec<[f32; 3]> =
             (0..3000).map(|i: i32| [(i % 10) as f32, (i / 10 % 10) as f32, -(i % 3) as f32 + 0.0]).collect();
-        let first = weld(&places);
+        let first = weld(&places, &Scratch::default()).unwrap();
         for (i, &f) in first.iter().enumerate() {
             assert_eq!(places[f as usize], places[i]);
             assert_eq!(places.iter().position(|p| *p == places[i]), Some(f as usize));

@@ -100,7 +100,7 @@ impl<'a> Renderer<'a> {
             return Err(SettingsError::Frame);
         }
         let nearest = if settings.is_near_cut { 1.0 / settings.near_m } else { f64::INFINITY };
-        let bins = Bins::new(mesh, &frame);
+        let bins = Bins::new(mesh, &frame).map_err(SettingsError::Scratch)?;
         Ok(Self { mesh, frame, shader, bases: shader.bases(), settings, places, bins, engine, nearest })
     }
 
@@ -109,7 +109,7 @@ impl<'a> Renderer<'a> {
         self.bins.grid()
     }
 
-    /// Bytes of the lists of triangles.
+    /// Bytes in memory of the lists of triangles.
     pub fn bytes(&self) -> usize {
         self.bins.bytes()
     }

@@ -1,5 +1,6 @@
 //! What sheets are made of a scene.
 
+use crate::scratch::ScratchError;
 use std::fmt;
 
 /// Light behind all surfaces.
@@ -50,6 +51,8 @@ pub enum SettingsError {
     },
     /// The chart has no pixels, or a length or scale of it is not positive.
     Frame,
+    /// There is no room for lists of triangles that do not fit into memory.
+    Scratch(ScratchError),
 }
 
 impl fmt::Display for SettingsError {
@@ -63,6 +66,7 @@ impl fmt::Display for SettingsError {
                 write!(f, "the background must have a vergence and {bases} weights of 0 or more")
             }
             Self::Frame => f.write_str("the chart has no pixels, or a length or scale of it is not positive"),
+            Self::Scratch(e) => e.fmt(f),
         }
     }
 }

@@ -8,6 +8,7 @@ use super::TILE_PX;
 use super::triangle::Edges;
 use crate::scene::frame::Frame;
 use crate::scene::mesh::Mesh;
+use crate::scratch::{List, Scratch, ScratchError};
 use rayon::prelude::*;
 
 /// Tiles of a block, across and down.
@@ -95,25 +96,29 @@ pub(crate) struct Bins {
 
 impl Bins {
     /// Of all triangles that are not degenerate.
-    pub(crate) fn new(mesh: &Mesh, frame: &Frame) -> Self {
+    ///
+    /// # Errors
+    /// [`ScratchError`].
+    pub(crate) fn new(mesh: &Mesh, frame: &Frame) -> Result<Self, ScratchError> {
         let grid = TileGrid { height_px: frame.height, width_px: frame.width };
         let units: Vec<(usize, usize)> = (0..mesh.triangles() as usize)
             .step_by(UNIT)
             .map(|first| (first, (first + UNIT).min(mesh.triangles() as usize)))
             .collect();
-        let found: Vec<Found> = units
+        let scratch = mesh.scratch();
+        let found: Vec<(Pairs, Pairs)> = units
             .into_par_iter()
             .map(|(first, end)| {
                 let mut found =
                     Found { tiles: Vec::with_capacity((end - first) / 4 * 5), blocks: Vec::new() };
                 (first as u32..end as u32).for_each(|t| found.add(mesh, frame, grid, t));
-                found
+                Ok((scratch.keep(found.tiles)?, scratch.keep(found.blocks)?))
             })
-            .collect();
+            .collect::<Result<_, _>>()?;
         let blocks = grid.across().div_ceil(BLOCK_TILES) * grid.down().div_ceil(BLOCK_TILES);
-        let of_tile = Lists::new(grid.tiles(), || found.iter().flat_map(|f| &f.tiles));
-        let of_block = Lists::new(blocks, || found.iter().flat_map(|f| &f.blocks));
-        Self { grid, of_tile, of_block }
+        let of_tile = Lists::new(grid.tiles(), || found.iter().flat_map(|f| &f.0[..]), scratch)?;
+        let of_block = Lists::new(blocks, || found.iter().flat_map(|f| &f.1[..]), scratch)?;
+        Ok(Self { grid, of_tile, of_block })
     }
 
     /// Tiles.
@@ -142,10 +147,13 @@ impl Bins {
     }
 }
 
-/// (tile or block, triangle) of a unit.
+/// Tiles or blocks, each with a triangle.
+type Pairs = List<[u32; 2]>;
+
+/// Tile or block, and triangle, of a unit.
 struct Found {
-    tiles: Vec<(u32, u32)>,
-    blocks: Vec<(u32, u32)>,
+    tiles: Vec<[u32; 2]>,
+    blocks: Vec<[u32; 2]>,
 }
 
 impl Found {
@@ -159,13 +167,13 @@ impl Found {
         let span = Span { rows: tiles(rows), columns: tiles(columns) };
         let (down, across) = (span.rows.1 - span.rows.0, span.columns.1 - span.columns.0);
         if (down, across) == (1, 1) {
-            self.tiles.push(((span.rows.0 * grid.across() + span.columns.0) as u32, t));
+            self.tiles.push([(span.rows.0 * grid.across() + span.columns.0) as u32, t]);
             return;
         }
         let Some(edges) = Edges::new(corners) else { return };
         if down * across <= MAX_TILES {
             divide(frame, &edges, span, 1, &mut |row, column| {
-                self.tiles.push(((row * grid.across() + column) as u32, t));
+                self.tiles.push([(row * grid.across() + column) as u32, t]);
             });
             return;
         }
@@ -174,7 +182,7 @@ impl Found {
         divide(frame, &edges, span, 1, &mut |row, column| {
             is_large |= self.tiles.len() - start == MAX_TILES;
             if !is_large {
-                self.tiles.push(((row * grid.across() + column) as u32, t));
+                self.tiles.push([(row * grid.across() + column) as u32, t]);
             }
         });
         if is_large {
@@ -182,7 +190,7 @@ impl Found {
             let blocks = |(first, end): (usize, usize)| (first / BLOCK_TILES, (end - 1) / BLOCK_TILES + 1);
             let span = Span { rows: blocks(span.rows), columns: blocks(span.columns) };
             divide(frame, &edges, span, BLOCK_TILES, &mut |row, column| {
-                self.blocks.push(((row * grid.across().div_ceil(BLOCK_TILES) + column) as u32, t));
+                self.blocks.push([(row * grid.across().div_ceil(BLOCK_TILES) + column) as u32, t]);
             });
         }
     }
@@ -214,22 +222,27 @@ fn divide(frame: &Frame, edges: &Edges, span: Span, tiles: usize, found: &mut im
 /// Lists of triangles one after another.
 struct Lists {
     start: Vec<usize>,
-    triangles: Vec<u32>,
+    triangles: List<u32>,
 }
 
 impl Lists {
-    /// From pairs (list, triangle) with ascending triangles.
-    fn new<'a, I: Iterator<Item = &'a (u32, u32)>>(lists: usize, pairs: impl Fn() -> I) -> Self {
+    /// From pairs of list and triangle, with ascending triangles.
+    fn new<'a, I: Iterator<Item = &'a [u32; 2]>>(
+        lists: usize,
+        pairs: impl Fn() -> I,
+        scratch: &Scratch,
+    ) -> Result<Self, ScratchError> {
         let mut start = vec![0; lists + 1];
-        pairs().for_each(|&(list, _)| start[list as usize + 1] += 1);
+        pairs().for_each(|&[list, _]| start[list as usize + 1] += 1);
         (0..lists).for_each(|k| start[k + 1] += start[k]);
         let mut at = start.clone();
-        let mut triangles = vec![0; start[lists]];
-        for &(list, t) in pairs() {
-            triangles[at[list as usize]] = t;
+        let mut triangles = scratch.zeros(start[lists])?;
+        let to = &mut triangles[..];
+        for &[list, t] in pairs() {
+            to[at[list as usize]] = t;
             at[list as usize] += 1;
         }
-        Self { start, triangles }
+        Ok(Self { start, triangles })
     }
 
     fn of(&self, list: usize) -> &[u32] {
@@ -237,6 +250,6 @@ impl Lists {
     }
 
     fn bytes(&self) -> usize {
-        8 * self.start.len() + 4 * self.triangles.len()
+        8 * self.start.len() + self.triangles.memory_bytes()
     }
 }

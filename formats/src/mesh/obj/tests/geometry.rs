@@ -106,7 +106,7 @@ fn concave_polygon_is_divided_inside_itself() {
     assert_eq!(scene.parts[0].geometry.triangles.len(), 2);
     let scene = Files::new("v 0 0 0\nv 4 1 0\nv 0 2 0\nv 1 1 0\nf 1 2 3 4").scene();
     let (geometry, mut area) = (&scene.parts[0].geometry, 0.0);
-    for t in &geometry.triangles {
+    for t in &geometry.triangles[..] {
         let [a, b, c] = t.map(|i| positions(geometry)[i as usize]);
         let twice = (b[0] - a[0]) * (c[1] - a[1]) - (b[1] - a[1]) * (c[0] - a[0]);
         assert!(twice > 0.0);

@@ -16,7 +16,7 @@ fn without_light_weights_are_colours_times_the_number_of_hits() {
 
 #[test]
 fn even_weights_are_those_of_a_hit_wherever_it_is() {
-    let coloured = Geometry { colours: vec![[1.0; 4]; 4], ..wall(2.0, 1.0) };
+    let coloured = Geometry { colours: vec![[1.0; 4]; 4].into(), ..wall(2.0, 1.0) };
     let mesh = TestMesh::default()
         .with(0, wall(2.0, 1.0))
         .with(1, wall(2.0, 1.0))
@@ -113,7 +113,8 @@ fn interpolated_normals_are_rotated_and_scaled_with_the_part() {
     // Normals (0, ±1, 1)/√2 at the lower and upper corners, away from the camera: (0, 0, 1) in the middle.
     let mut geometry = wall(2.0, 1.0);
     let half = 0.5f32.sqrt();
-    geometry.normals = vec![[0.0, -half, half], [0.0, -half, half], [0.0, half, half], [0.0, half, half]];
+    geometry.normals =
+        vec![[0.0, -half, half], [0.0, -half, half], [0.0, half, half], [0.0, half, half]].into();
     let mut mesh = TestMesh::default().with(0, geometry);
     let white = [material("white", [1.0; 3])];
     let at = |mesh: &TestMesh, y: f64| {

@@ -110,7 +110,8 @@ fn scenes_that_cannot_be_shown_are_errors() {
         refer(&mesh, &wood).unwrap_err(),
         "texture of material `wood`, number 0 does not exist: there are 0"
     );
-    let short = TestMesh::default().with(0, Geometry { normals: vec![[0.0, 0.0, 1.0]], ..wall(2.0, 1.0) });
+    let short =
+        TestMesh::default().with(0, Geometry { normals: vec![[0.0, 0.0, 1.0]].into(), ..wall(2.0, 1.0) });
     assert_eq!(refer(&short, &plain).unwrap_err(), "part `part 0` has 1 normals for 4 vertices");
     let bare = TestMesh::default().with(0, Geometry { texcoords: Vec::new(), ..wall(2.0, 1.0) });
     let mut request = request(&bare, &wood, Lighting::even(1.0));

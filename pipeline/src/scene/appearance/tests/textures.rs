@@ -51,7 +51,7 @@ fn vertex_colours_are_interpolated_in_perspective_and_clipped_ones_counted() {
     // A floor from z = 1 to 3; colours 0 and 1 at its ends, twice that in green.
     let mut floor = quad([-1.0, 0.5, 1.0], [2.0, 0.0, 0.0], [0.0, 0.0, 2.0]);
     floor.colours =
-        vec![[0.0, 0.0, 1.0, 1.0], [0.0, 0.0, 1.0, 1.0], [1.0, 2.0, 1.0, 1.0], [1.0, 2.0, 1.0, 1.0]];
+        vec![[0.0, 0.0, 1.0, 1.0], [0.0, 0.0, 1.0, 1.0], [1.0, 2.0, 1.0, 1.0], [1.0, 2.0, 1.0, 1.0]].into();
     let mesh = TestMesh::default().with(0, floor);
     let materials = [material("floor", [1.0; 3])];
     let appearance = appearance(&mesh, &materials, Lighting::even(1000.0));

@@ -5,7 +5,7 @@ use crate::scene::description::{Geometry, Positions};
 use crate::scene::test_mesh::{Random, TestMesh, quad, wall};
 
 fn mesh(positions: Vec<[f32; 3]>, triangles: Vec<[u32; 3]>) -> TestMesh {
-    let positions = Positions::F32(positions);
+    let (positions, triangles) = (Positions::F32(positions.into()), triangles.into());
     TestMesh::default().with(0, Geometry { positions, triangles, ..Geometry::default() })
 }
 

@@ -3,6 +3,7 @@
 use super::*;
 use crate::scene::mesh::tests::IDENTITY;
 use crate::scene::pose::Pose;
+use crate::scratch::Scratch;
 use rayon::prelude::*;
 
 #[test]
@@ -41,6 +42,32 @@ fn tiles_have_the_same_bits_on_any_engine_and_thread_and_in_two_passes() {
             assert!(renderer.hidden(tile, &mut worker).0 == hidden);
         }
     }
+}
+
+#[test]
+fn a_mesh_in_a_scratch_file_has_the_same_sheets() {
+    let frame = Frame::centred(192, 192, 0.02, 50.0);
+    let parts: Vec<_> = [icosphere([0.003, 0.001, 1.0], 0.03, 6), wall(2.0)]
+        .into_iter()
+        .enumerate()
+        .map(|(k, shape)| part(shape, k))
+        .collect();
+    let materials = [material(true), material(true)];
+    let scratch = Scratch::new(&std::env::temp_dir(), 0);
+    let of = |scratch: &Scratch| {
+        let pose = crate::scene::mesh::tests::pose();
+        let mesh = Mesh::with_scratch(&parts, &materials, &pose, OPTIONS, scratch).unwrap();
+        let sheets: Vec<_> = (0..9).map(|tile| render(&mesh, frame.clone(), settings(4, 2), tile)).collect();
+        (sheets, *mesh.facts(), mesh.bytes())
+    };
+    let (expected, facts, in_memory) = of(&Scratch::default());
+    let (found, found_facts, left) = of(&scratch);
+    assert!(found == expected && found_facts == facts && facts.solids == 1);
+    assert!(
+        left < in_memory / 4 && scratch.file_bytes() > 2 << 20,
+        "{left} {in_memory} {}",
+        scratch.file_bytes()
+    );
 }
 
 #[test]

@@ -77,7 +77,7 @@ fn large_closed_meshes_are_watertight() {
     let (ball, vertices) = (shape.1.len() as u32, directions_of_vertices(&shape));
     let mesh = mesh(vec![shape, wall(4.0)], OPTIONS);
     let frame = Frame::centred(8192, 8192, 0.002, 28.0);
-    let bins = Bins::new(&mesh, &frame);
+    let bins = Bins::new(&mesh, &frame).unwrap();
     let grid = bins.grid();
     let of = |x: f64, y: f64| {
         let [row, column] = [frame.row(y), frame.column(x)].map(|v| (v + 0.5).floor() as usize / 64);
