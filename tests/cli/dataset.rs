@@ -97,6 +97,7 @@ fn films_have_the_bits_of_run_with_the_flags_of_their_line() {
 }
 
 #[test]
+#[ignore = "long: makes four data sets"]
 fn samples_are_the_same_for_any_number_threads_parts_and_after_kills() {
     let folder = Folder::new(3);
     folder.recipe("samples = 10\nseed = 3", "film = \"png\"\nclean = \"tif\"\nunit = 3");

@@ -24,6 +24,7 @@ fn traced_bands_are_equal_in_one_run_in_two_runs_and_from_the_cache() {
 }
 
 #[test]
+#[ignore = "long: traces wide PSFs twice"]
 fn wide_psfs_are_cached_as_pupil_functions_and_give_the_same_film() {
     let job = DesignJob::new();
     let run = |film: &str| {
