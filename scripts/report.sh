@@ -45,3 +45,12 @@ node_20() {
     node_lacks="node is older than 20: $(node --version)"
     [ "$(node -p 'process.versions.node.split(".")[0]')" -ge 20 ]
 }
+
+# Prints the path of Chromium.
+find_chromium() {
+    local name
+    for name in chromium chromium-browser google-chrome-stable google-chrome; do
+        command -v "$name" && return
+    done
+    return 1
+}
