@@ -7,7 +7,7 @@ mod disk;
 use crate::failure::usage;
 use crate::progress::mib;
 use cgroup::GroupMemory;
-pub use disk::free_space;
+pub use disk::{existing, free_space};
 use std::ffi::OsString;
 use std::fmt::Display;
 use std::path::{Path, PathBuf};

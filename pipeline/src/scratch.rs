@@ -10,6 +10,7 @@
 use bytemuck::Pod;
 use memmap2::{MmapOptions, MmapRaw, UncheckedAdvice};
 use std::fs::File;
+use std::io::ErrorKind;
 use std::path::{Path, PathBuf};
 use std::sync::atomic::{AtomicU64, Ordering::Relaxed};
 use std::sync::{Arc, Mutex, Weak};
@@ -51,7 +52,7 @@ pub struct ScratchError {
     /// Bytes that it was to have.
     pub bytes: u64,
     /// The system's error.
-    pub kind: std::io::ErrorKind,
+    pub kind: ErrorKind,
     message: String,
 }
 
@@ -166,7 +167,7 @@ impl Shared {
         }
         let opened = file.as_mut().expect("assigned above");
         reserve(&opened.file, before, after - before).map_err(failed)?;
-        let length = usize::try_from(bytes).map_err(|_| failed(std::io::ErrorKind::OutOfMemory.into()))?;
+        let length = usize::try_from(bytes).map_err(|_| failed(ErrorKind::OutOfMemory.into()))?;
         let map = MmapOptions::new().offset(before).len(length).map_raw(&opened.file).map_err(failed)?;
         let map = Arc::new(map);
         opened.bytes = after;
@@ -191,12 +192,21 @@ impl Shared {
 fn watch(shared: &Weak<Shared>) {
     while let Some(shared) = shared.upgrade() {
         let limit = shared.memory_bytes - shared.memory_bytes / 8;
-        let Some(resident) = resident_bytes() else { return };
-        if resident > limit {
-            shared.release();
+        let is_above = || resident_bytes().map(|resident| resident > limit);
+        let mut pause = PERIOD;
+        match is_above() {
+            None => return,
+            Some(false) => {}
+            Some(true) => {
+                shared.release();
+                // Where the lists in memory alone exceed the limit, pages would only be mapped again.
+                if is_above() == Some(true) {
+                    pause *= 20;
+                }
+            }
         }
         drop(shared);
-        std::thread::sleep(PERIOD);
+        std::thread::sleep(pause);
     }
 }
 
@@ -209,12 +219,19 @@ fn resident_bytes() -> Option<u64> {
 
 /// A new file in `folder` without a name.
 fn unnamed(folder: &Path) -> std::io::Result<File> {
-    let path = folder.join(format!(".lenscube-scratch-{}.tmp", std::process::id()));
-    // What another process of this number left.
-    let _ = std::fs::remove_file(&path);
-    let file = File::options().read(true).write(true).create_new(true).open(&path)?;
-    std::fs::remove_file(&path)?;
-    Ok(file)
+    let mut number = 0;
+    loop {
+        let path = folder.join(format!(".lenscube-scratch-{}-{number}.tmp", std::process::id()));
+        match File::options().read(true).write(true).create_new(true).open(&path) {
+            // Of another process of this number, on another machine or killed.
+            Err(e) if e.kind() == ErrorKind::AlreadyExists => number += 1,
+            file => {
+                let file = file?;
+                std::fs::remove_file(&path)?;
+                return Ok(file);
+            }
+        }
+    }
 }
 
 /// Allocates blocks of a file.
@@ -410,7 +427,7 @@ mod tests {
     fn a_folder_that_is_not_there_is_an_error() {
         let folder = std::env::temp_dir().join("lenscube-no-such-folder");
         let error = Scratch::new(&folder, 0).list::<u8>(1 << 20).unwrap_err();
-        assert_eq!((error.kind, error.bytes), (std::io::ErrorKind::NotFound, 1 << 20));
+        assert_eq!((error.kind, error.bytes), (ErrorKind::NotFound, 1 << 20));
         assert!(error.to_string().contains("lenscube-no-such-folder"));
     }
 

@@ -23,7 +23,7 @@ pub fn free_space(output: &Path) -> Result<Option<u64>> {
 }
 
 /// The first existing path among `path` and the directories above it.
-fn existing(path: &Path) -> &Path {
+pub fn existing(path: &Path) -> &Path {
     let mut path = path;
     while !path.exists() && parent_of(path) != path {
         path = parent_of(path);

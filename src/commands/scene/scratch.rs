@@ -1,7 +1,7 @@
 //! Lists of a mesh that do not fit into memory: the folder of their file, the room for it.
 
 use crate::failure::{Coded, code, usage};
-use crate::machine::free_space;
+use crate::machine::{existing, free_space};
 use crate::progress::data_size;
 use anyhow::{Result, anyhow};
 use formats::durable::{is_url, link_target, parent_of};
@@ -13,10 +13,10 @@ use std::path::{Path, PathBuf};
 /// Bytes of a triangle while the mesh is placed before the camera and its tiles are listed, its vertices included.
 const TRIANGLE_BYTES: u64 = 88;
 
-/// Folder of what does not fit into memory: that of the scene, or the system's for temporary files where none is made.
+/// Folder of what does not fit into memory: that of the scene, as far as it exists, or the system's for temporary files where none is made.
 pub fn folder(out: Option<&Path>) -> PathBuf {
     let out = out.filter(|out| !is_url(out));
-    out.map_or_else(std::env::temp_dir, |out| parent_of(&link_target(out)).to_owned())
+    out.map_or_else(std::env::temp_dir, |out| existing(parent_of(&link_target(out))).to_owned())
 }
 
 /// Fails if the lists of `triangles` do not fit into memory and the disk has no room for them.
