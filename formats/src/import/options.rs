@@ -143,12 +143,8 @@ impl ImportOptions {
                 let na = pupil / 2.0 / efl_mm;
                 Ok((efl_mm / pupil, Some(PI * na * na)))
             }
-            (Some(n), None, _) | (None, None, Some(n)) => Ok((n, None)),
-            (None, None, None) => Err(ImportError::MissingOption {
-                path: path.into(),
-                what: "the F-number",
-                option: "--f-number",
-            }),
+            (Some(n), None, _) => Ok((n, None)),
+            (None, None, found) => Ok((positive(path, found, "the F-number", "--f-number")?, None)),
         }
     }
 

@@ -23,6 +23,7 @@ use super::npy;
 use super::window::{EvenWindow, Outward, RowOrder, Window};
 use super::write::{Imported, ReadWindows, SparseBand, SparseLens, Windows};
 use super::{ImportError, ImportOptions, MAX_SIDE, text};
+use pipeline::bounds::{self, Bound};
 use pipeline::lens::PsfSample;
 use serde_json::json;
 use std::path::{Path, PathBuf};
@@ -66,19 +67,21 @@ pub fn open(folder: &Path, options: &ImportOptions) -> Result<Imported, ImportEr
     let (f_number, solid_angle_sr) = options.aperture(&path, efl, lens.number("f_number")?)?;
     let object = match lens.get("object_distance_mm") {
         Some((_, text)) if ["infinity", "inf"].contains(&text.to_ascii_lowercase().as_str()) => None,
-        Some(_) => lens.number("object_distance_mm")?,
+        Some(_) => lens.bounded("object_distance_mm", bounds::GIVEN_DISTANCE_MM)?,
         None => {
             return Err(ImportError::file(&path, "has no key `object_distance_mm` (a number, or infinity)"));
         }
     };
     let magnification = match object {
         None => 0.0,
-        Some(_) => lens.number("magnification")?.ok_or_else(|| {
-            ImportError::file(
-                &path,
-                "has no key `magnification`, which is required for a finite object distance",
-            )
-        })?,
+        Some(_) => {
+            lens.bounded("magnification", bounds::MAGNIFICATION)?.filter(|m| *m != 0.0).ok_or_else(|| {
+                ImportError::file(
+                    &path,
+                    "has no key `magnification`, or one of 0: it is required for a finite object distance",
+                )
+            })?
+        }
     };
     let mut bands = read_heights(&folder.join("heights.csv"))?;
     let files = match options.without_psf {
@@ -127,6 +130,12 @@ impl Keys {
         let Some((line, text)) = self.get(key) else { return Ok(None) };
         let bad = || ImportError::line(&self.0.path, line, format!("{key} is `{text}`, not a finite number"));
         text::number(text).map(Some).ok_or_else(bad)
+    }
+
+    fn bounded(&self, key: &str, bound: Bound) -> Result<Option<f64>, ImportError> {
+        let Some(value) = self.number(key)? else { return Ok(None) };
+        let line = self.get(key).map_or(0, |(line, _)| line);
+        bound.check(value).map(Some).map_err(|e| ImportError::line(&self.0.path, line, e.to_string()))
     }
 
     fn choice<T: Copy>(&self, key: &str, known: &[(&str, T)]) -> Result<Option<T>, ImportError> {

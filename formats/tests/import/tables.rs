@@ -33,14 +33,44 @@ fn example_directory_gives_the_documented_lens() {
     assert_eq!(given[0]["image_height_mm"][4], 9.79951);
 }
 
-/// Illumination that is listed as 0 at the end of the field: the spline through it is 0 there but for rounding.
-#[test]
-fn illumination_that_ends_at_zero_is_read() {
+/// The example's files in a folder of their own.
+fn example() -> tempfile::TempDir {
     let directory = tempfile::tempdir().unwrap();
     for file in std::fs::read_dir(data("../../data/tables-example")).unwrap() {
         let file = file.unwrap().path();
         std::fs::copy(&file, directory.path().join(file.file_name().unwrap())).unwrap();
     }
+    directory
+}
+
+#[test]
+fn numbers_that_no_lens_has_are_errors_that_name_them() {
+    let directory = example();
+    let path = directory.path().join("lens.csv");
+    let text = std::fs::read_to_string(&path).unwrap();
+    let without =
+        |key: &str| text.lines().filter(|line| !line.starts_with(key)).collect::<Vec<_>>().join("\n");
+    let finite = without("object_distance_mm");
+    for (text, words) in [
+        (without("f_number") + "\nf_number,0\n", ["F-number is 0", "positive"]),
+        (without("f_number") + "\nf_number,-2\n", ["F-number is -2", "positive"]),
+        (
+            finite.clone() + "\nobject_distance_mm,-5\nmagnification,-0.1\n",
+            ["object distance is -5", "lens.csv"],
+        ),
+        (finite.clone() + "\nobject_distance_mm,500\nmagnification,1e9\n", ["magnification is", "lens.csv"]),
+        (finite + "\nobject_distance_mm,500\nmagnification,0\n", ["`magnification`", "one of 0"]),
+    ] {
+        std::fs::write(&path, text).unwrap();
+        let error = import_error(directory.path(), &ImportOptions::default());
+        assert!(words.iter().all(|word| error.contains(word)), "{error}");
+    }
+}
+
+/// Illumination that is listed as 0 at the end of the field: the spline through it is 0 there but for rounding.
+#[test]
+fn illumination_that_ends_at_zero_is_read() {
+    let directory = example();
     let path = directory.path().join("heights.csv");
     let mut lines: Vec<String> = std::fs::read_to_string(&path).unwrap().lines().map(str::to_owned).collect();
     for k in 1..lines.len() {
