@@ -69,9 +69,13 @@ impl Coverage {
             Surround::Black => "black",
             Surround::Mirror => "the chart mirrored",
         };
+        let enlarging = match args.placement.fit {
+            None => "`--fit contain` or `--scale`",
+            Some(_) => "`--scale` instead of --fit",
+        };
         (self.beyond >= MIN_NOTED_SHARE).then(|| {
             format!(
-                "{:.0} % of the film lies beyond the chart and shows {shown} (--surround); `--fit contain` or `--scale` enlarges the chart, \
+                "{:.0} % of the film lies beyond the chart and shows {shown} (--surround); {enlarging} enlarges the chart, \
                  without --film-size the film has the chart's size",
                 100.0 * self.beyond
             )
