@@ -39,7 +39,8 @@ python_with() {
 
 # Sets LENSCUBE, unless it is set, to the binary that `cargo test` builds; beside it lies the library of the Python package's native module.
 built_lenscube() {
-    if [ -z "${LENSCUBE:-}" ]; then cargo build --quiet --workspace --all-features; fi
+    # With a test the packages have the features of `cargo test`; without, all that depends on them would be built a second time.
+    if [ -z "${LENSCUBE:-}" ]; then cargo build --quiet --workspace --all-features --lib --bins --test golden; fi
     LENSCUBE=${LENSCUBE:-$(cargo test --quiet --workspace --all-features --test golden --no-run --message-format=json | python3 -c '
 import json, sys
 artifacts = [json.loads(line) for line in sys.stdin if line.startswith("{")]
