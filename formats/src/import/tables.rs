@@ -133,8 +133,7 @@ impl Keys {
     }
 
     fn bounded(&self, key: &str, bound: Bound) -> Result<Option<f64>, ImportError> {
-        let Some(value) = self.number(key)? else { return Ok(None) };
-        let line = self.get(key).map_or(0, |(line, _)| line);
+        let (Some((line, _)), Some(value)) = (self.get(key), self.number(key)?) else { return Ok(None) };
         bound.check(value).map(Some).map_err(|e| ImportError::line(&self.0.path, line, e.to_string()))
     }
 

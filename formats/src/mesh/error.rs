@@ -119,7 +119,7 @@ pub enum MeshError {
         /// Bytes allowed.
         allowed: u64,
     },
-    /// There is no room for what does not fit into memory.
+    /// There is no disk space for what does not fit into memory.
     #[error(transparent)]
     Scratch(#[from] ScratchError),
     /// A mesh without a triangle.

@@ -13,16 +13,21 @@ pub(super) fn charge_items<T>(context: &Context<'_>, what: &str, count: u64) -> 
     context.charge(count.saturating_mul(size_of::<T>() as u64), || what.into())
 }
 
+/// Counts a list that is about to be made, unless it will be in the scratch file.
+fn charge_list<T>(context: &Context<'_>, what: &str, count: u64) -> Result<(), MeshError> {
+    match context.limits.scratch.takes(count.saturating_mul(size_of::<T>() as u64)) {
+        true => Ok(()),
+        false => charge_items::<T>(context, what, count),
+    }
+}
+
 /// An empty list with capacity for `count` items.
 ///
 /// # Errors
 /// [`MeshError::Memory`], `what` names the items; [`MeshError::Scratch`].
 pub(super) fn list<T: Pod>(context: &Context<'_>, what: &str, count: u64) -> Result<List<T>, MeshError> {
-    let scratch = &context.limits.scratch;
-    if !scratch.takes(count.saturating_mul(size_of::<T>() as u64)) {
-        charge_items::<T>(context, what, count)?;
-    }
-    Ok(scratch.list(usize::try_from(count).unwrap_or(usize::MAX))?)
+    charge_list::<T>(context, what, count)?;
+    Ok(context.limits.scratch.list(usize::try_from(count).unwrap_or(usize::MAX))?)
 }
 
 /// A list of `count` zeros.
@@ -30,11 +35,8 @@ pub(super) fn list<T: Pod>(context: &Context<'_>, what: &str, count: u64) -> Res
 /// # Errors
 /// As [`list`].
 pub(super) fn zeros<T: Pod>(context: &Context<'_>, what: &str, count: u64) -> Result<List<T>, MeshError> {
-    let scratch = &context.limits.scratch;
-    if !scratch.takes(count.saturating_mul(size_of::<T>() as u64)) {
-        charge_items::<T>(context, what, count)?;
-    }
-    Ok(scratch.zeros(usize::try_from(count).unwrap_or(usize::MAX))?)
+    charge_list::<T>(context, what, count)?;
+    Ok(context.limits.scratch.zeros(usize::try_from(count).unwrap_or(usize::MAX))?)
 }
 
 /// Frees a list of [`list`] or [`push`].

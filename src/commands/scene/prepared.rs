@@ -91,7 +91,7 @@ impl Prepared {
         };
         let (mut scene, sources) = mesh::read(&args.mesh, &limits).map_err(|e| match e {
             mesh::MeshError::Io { .. } => e.into(),
-            mesh::MeshError::Scratch(e) => scratch::no_room(&e),
+            mesh::MeshError::Scratch(e) => scratch::no_space(&e),
             e => usage(e.to_string()),
         })?;
         check_outputs(args, &sources)?;
@@ -109,7 +109,7 @@ impl Prepared {
         };
         let mesh = Mesh::with_scratch(&scene.parts, &scene.materials, &pose, options, &lists);
         let mesh = mesh.map_err(|e| match e {
-            MeshError::Scratch(e) => scratch::no_room(&e),
+            MeshError::Scratch(e) => scratch::no_space(&e),
             e => usage(format!("mesh {}: {e}", args.mesh.display())),
         })?;
         let facts = mesh.facts();

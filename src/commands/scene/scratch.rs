@@ -1,4 +1,4 @@
-//! Lists of a mesh that do not fit into memory: the folder of their file, the room for it.
+//! Lists of a mesh that do not fit into memory: the folder of their file, the disk space for it.
 
 use crate::failure::{Coded, code, usage};
 use crate::machine::{existing, free_space};
@@ -19,7 +19,7 @@ pub fn folder(out: Option<&Path>) -> PathBuf {
     out.map_or_else(std::env::temp_dir, |out| existing(parent_of(&link_target(out))).to_owned())
 }
 
-/// Fails if the lists of `triangles` do not fit into memory and the disk has no room for them.
+/// Fails if the lists of `triangles` do not fit into memory and the disk has no space for them.
 ///
 /// # Errors
 /// Exit code 75.
@@ -41,8 +41,8 @@ pub fn check_space(scratch: &Scratch, folder: &Path, triangles: u64) -> Result<(
     }
 }
 
-/// A scratch file that cannot be made; a full disk may have room later.
-pub fn no_room(e: &ScratchError) -> anyhow::Error {
+/// A scratch file that cannot be made; a full disk may have space later.
+pub fn no_space(e: &ScratchError) -> anyhow::Error {
     match e.kind {
         ErrorKind::StorageFull | ErrorKind::QuotaExceeded => {
             Coded { code: code::RETRY, message: e.to_string() }.into()
@@ -54,7 +54,7 @@ pub fn no_room(e: &ScratchError) -> anyhow::Error {
 /// A renderer that cannot be made.
 pub fn no_renderer(e: SettingsError) -> anyhow::Error {
     match e {
-        SettingsError::Scratch(e) => no_room(&e),
+        SettingsError::Scratch(e) => no_space(&e),
         e => usage(e.to_string()),
     }
 }
