@@ -297,7 +297,7 @@ impl<T: Pod> FromIterator<T> for List<T> {
 }
 
 impl<T: Pod> List<T> {
-    /// Number of values that it has room for.
+    /// Number of values that it can hold.
     pub fn capacity(&self) -> usize {
         match &self.0 {
             Memory::Heap(values, _) => values.capacity(),
@@ -409,7 +409,7 @@ mod tests {
         for list in &lists {
             assert!(list.iter().copied().eq(numbers()) && list.capacity() == 100_000);
         }
-        // A list that is freed leaves room in memory; small ones are always there.
+        // A list that is freed leaves memory for others; small ones are always there.
         lists.remove(0);
         assert!(scratch.keep(vec![1u8; 100_000]).unwrap().memory_bytes() > 0);
         assert!(!scratch.takes(65_535) && !Scratch::default().takes(u64::MAX));

@@ -51,7 +51,7 @@ pub enum MeshError {
         /// Materials of the scene.
         materials: usize,
     },
-    /// There is no room for what does not fit into memory.
+    /// There is no disk space for what does not fit into memory.
     Scratch(ScratchError),
 }
 

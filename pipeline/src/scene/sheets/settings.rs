@@ -51,7 +51,7 @@ pub enum SettingsError {
     },
     /// The chart has no pixels, or a length or scale of it is not positive.
     Frame,
-    /// There is no room for lists of triangles that do not fit into memory.
+    /// There is no disk space for lists of triangles that do not fit into memory.
     Scratch(ScratchError),
 }
 
