@@ -2,12 +2,12 @@
 
 mod cgroup;
 pub mod device;
-mod disk;
+pub mod disk;
 
 use crate::failure::usage;
 use crate::progress::mib;
 use cgroup::GroupMemory;
-pub use disk::{existing, free_space};
+pub use disk::free_space;
 use std::ffi::OsString;
 use std::fmt::Display;
 use std::path::{Path, PathBuf};

@@ -1,7 +1,8 @@
 //! Lists of a mesh that do not fit into memory: the folder of their file, the disk space for it.
 
 use crate::failure::{Coded, code, usage};
-use crate::machine::{existing, free_space};
+use crate::machine::disk::existing;
+use crate::machine::free_space;
 use crate::progress::data_size;
 use anyhow::{Result, anyhow};
 use formats::durable::{is_url, link_target, parent_of};
