@@ -7,191 +7,35 @@ W x H pixels of p mm the direction ((c - (W-1)/2) p/f_D, (r - (H-1)/2) p/f_D, 1)
 over a pixel is that of its centre. A matt surface of reflectance rho in light of E lx has the weight rho E cos/E_v, E_v lx being --illuminance.
 Light of sheets with coverages c_q: sum of c_q (1 - c_0) ... (1 - c_q-1) light_q. Films are without fall-off of light (--stages distortion,svpsf).
 """
-import json
 import shutil
-import struct
 import sys
 import tempfile
-import zlib
+from functools import partial
 from pathlib import Path
 
 import numpy as np
 import zarr
 
 import lens_pack
-from closed_forms import disc_area, disc_kernel
+from closed_forms import disc_area
 from double_gauss import DoubleGauss
 from lens_rays import Ball, LensRays, Plane, light
+from meshes import BLACK, colour, glb, icosphere, png, quad, wall
 from program import Program
 from rows import Table
+from views import Files, Sheets, View
 
 program = Program(sys.argv[1])
 scratch = tempfile.TemporaryDirectory()
 folder = Path(sys.argv[2] if len(sys.argv) > 2 else scratch.name)
 folder.mkdir(parents=True, exist_ok=True)
 table = Table("scenes of meshes and their films")
+files = Files(program, folder)
+View = partial(View, files)
+exported, plain_group, measured, white = files.exported, files.plain_group, files.measured, files.white
 TURN = [0.36, -0.48, 0.64, 0.48]                            # a rotation as a quaternion x, y, z, w of length 1
 
 
-# ---------------------------------------------------------------- meshes
-def png(rgba):
-    h, w, _ = rgba.shape
-    chunk = lambda name, data: struct.pack(">I", len(data)) + name + data + struct.pack(">I", zlib.crc32(name + data))
-    rows = b"".join(b"\0" + rgba[i].astype(np.uint8).tobytes() for i in range(h))
-    return b"\x89PNG\r\n\x1a\n" + chunk(b"IHDR", struct.pack(">IIBBBBB", w, h, 8, 6, 0, 0, 0)) + chunk(b"IDAT", zlib.compress(rows)) + chunk(b"IEND", b"")
-
-
-def glb(path, parts, materials=None, image=None, **root):
-    """Parts (material, corners in the camera frame, triangles[, texture coordinates]) and a camera, below one node with the transform `root`."""
-    blob, views, accessors, meshes = b"", [], [], []
-
-    def view(data):
-        nonlocal blob
-        views.append({"buffer": 0, "byteOffset": len(blob), "byteLength": len(data)})
-        blob += data + bytes(-len(data) % 4)
-        return len(views) - 1
-
-    def accessor(array, kind, component):
-        bounds = {"min": array.min(0).tolist(), "max": array.max(0).tolist()} if kind == "VEC3" else {}
-        accessors.append({"bufferView": view(array.tobytes()), "componentType": component, "type": kind, "count": len(array), **bounds})
-        return len(accessors) - 1
-    names = list(dict.fromkeys(part[0] for part in parts))
-    for name, corners, triangles, *uv in parts:
-        attributes = {"POSITION": accessor((np.asarray(corners) * [1, -1, -1]).astype(np.float32), "VEC3", 5126)}
-        if uv:
-            attributes["TEXCOORD_0"] = accessor(np.asarray(uv[0], np.float32), "VEC2", 5126)
-        indices = accessor(np.asarray(triangles, np.uint32).reshape(-1), "SCALAR", 5125)
-        meshes.append({"primitives": [{"attributes": attributes, "indices": indices, "material": names.index(name)}]})
-    n = len(meshes)
-    nodes = [{"mesh": i} for i in range(n)] + [{"name": "Cam", "camera": 0}, {"name": "Root", "children": list(range(n + 1)), **root}]
-    default = lambda name: {"pbrMetallicRoughness": {"baseColorFactor": [0.5, 0.5, 0.5, 1]}}
-    doc = {"asset": {"version": "2.0"}, "scene": 0, "scenes": [{"nodes": [n + 1]}], "nodes": nodes, "meshes": meshes, "accessors": accessors,
-           "cameras": [{"type": "perspective", "perspective": {"yfov": 0.5, "znear": 0.001}}],
-           "materials": [{"name": m, "doubleSided": True, **(materials or {}).get(m, default(m))} for m in names]}
-    if image is not None:
-        doc |= {"images": [{"mimeType": "image/png", "bufferView": view(image)}], "samplers": [{"magFilter": 9728, "minFilter": 9728}],
-                "textures": [{"source": 0, "sampler": 0}]}
-    doc |= {"bufferViews": views, "buffers": [{"byteLength": len(blob)}]}
-    text = json.dumps(doc).encode()
-    text += b" " * (-len(text) % 4)
-    head = struct.pack("<4sII", b"glTF", 2, 28 + len(text) + len(blob))
-    path.write_bytes(head + struct.pack("<I4s", len(text), b"JSON") + text + struct.pack("<I4s", len(blob), b"BIN\0") + blob)
-    return path
-
-
-def colour(r, g, b, alpha=1, **more):
-    return {"pbrMetallicRoughness": {"baseColorFactor": [r, g, b, alpha]}, **more}
-
-
-BLACK = colour(0, 0, 0)
-
-
-def quad(material, *corners):
-    return material, np.array(corners, float), [(0, 1, 2), (0, 2, 3)]
-
-
-def wall(material, z, half):
-    return quad(material, (-half, -half, z), (half, -half, z), (half, half, z), (-half, half, z))
-
-
-def icosphere(material, centre, radius, level):
-    g = (1 + 5 ** 0.5) / 2
-    v = [np.array(p) / np.hypot(1, g) for s in (1, -1) for t in (g, -g) for p in ((s, t, 0), (0, s, t), (t, 0, s))]
-    near = lambda a, b: abs(np.linalg.norm(v[a] - v[b]) - 2 / np.hypot(1, g)) < 1e-9
-    f = [(a, b, c) for a in range(12) for b in range(a) for c in range(b) if near(a, b) and near(b, c) and near(a, c)]
-    f = [t if np.linalg.det([v[k] for k in t]) > 0 else t[::-1] for t in f]
-    for _ in range(level):
-        middles = {}
-
-        def middle(a, b):
-            if (a, b) not in middles:
-                v.append((v[a] + v[b]) / np.linalg.norm(v[a] + v[b]))
-                middles[a, b] = middles[b, a] = len(v) - 1
-            return middles[a, b]
-        f = [t for a, b, c in f for ab, bc, ca in [(middle(a, b), middle(b, c), middle(c, a))] for t in ((a, ab, ca), (b, bc, ab), (c, ca, bc), (ab, bc, ca))]
-    return material, np.asarray(centre) + radius * np.array(v), f
-
-
-# ---------------------------------------------------------------- scenes and films
-class View:
-    """A lens, film and chart: geometry of `lens camera`, scenes, films."""
-
-    def __init__(self, lens, focus_m, size, pitch_um, depths, *more):
-        self.size, self.pitch_um = size, pitch_um
-        self.flags = ["--lens", lens, "--focus-m", focus_m, "--film-size", f"{size[1]}x{size[0]}", "--film-pitch-um", pitch_um, *more]
-        self.depths = ["--depths-m", depths]
-        camera = json.loads(program.run("lens", "camera", lens, "--json", *self.flags[2:], *self.depths))
-        self.shape, self.margin = (camera["height_px"], camera["width_px"]), camera["overscan_px"]
-        self.focal_px, self.blur_px = camera["focal_length_mm"] / (pitch_um * 1e-3), camera["blur_per_dioptre_um"] / pitch_um
-
-    def place(self, column, row, v):
-        """Points of the camera frame at places of the chart and vergences."""
-        column, row, v = np.broadcast_arrays(column, row, v)
-        h, w = self.shape
-        return np.stack([(column - (w - 1) / 2) / self.focal_px, (row - (h - 1) / 2) / self.focal_px, np.ones(v.shape)], -1) / v[..., None]
-
-    def direction(self):
-        r, c = np.mgrid[:self.shape[0], :self.shape[1]]
-        return (c - (self.shape[1] - 1) / 2) / self.focal_px, (r - (self.shape[0] - 1) / 2) / self.focal_px
-
-    def scene(self, name, mesh, *flags):
-        out = folder / f"{name}.scene.zarr"
-        program.run("scene", mesh, out, *self.flags, *self.depths, "--no-fsync", "--overwrite", *flags)
-        return out
-
-    def film(self, name, chart, *flags, pack=None):
-        """Bands of the film of a chart or scene, and the bytes of its files; through a lens pack instead of the design."""
-        out = folder / f"{name}.film.zarr"
-        lens = self.flags if pack is None else ["--lens", pack, *self.flags[4:8], "--outside", "clamp"]
-        program.run("run", chart, out, *lens, "--stages", "distortion,svpsf", "--device", "cpu", "--no-fsync", "--overwrite", *flags)
-        files = {p.relative_to(out): p.read_bytes() for p in sorted(out.glob("film/c/**/*")) if p.is_file()}
-        return zarr.open_group(out, mode="r")["film"][:].astype(float), files
-
-
-class Sheets(list):
-    """Sheets of a scene store, from the first: (weights, depth, coverage)."""
-
-    def __init__(self, path):
-        self.group = zarr.open_group(path, mode="r")
-        levels = [self.group] + [self.group[f"hidden/{q}"] for q in range(1, 9) if f"hidden/{q}" in self.group]
-        super().__init__(tuple(g[k][:] for k in ("weights", "depth", "coverage")) for g in levels)
-
-
-def exported(chart, *flags):
-    out = folder / "exported.npy"
-    program.run("export", chart, out, "--overwrite", *flags)
-    return np.load(out).astype(float)
-
-
-def plain_group(name, wavelengths, pitch_um, sheets):
-    """Group of chart (wavelength, y, x), depth, coverage; hidden/1/chart, …"""
-    out = folder / f"{name}.zarr"
-    root = zarr.open_group(out, mode="w", zarr_format=3, attributes={"pitch_um": pitch_um})
-    root.create_array("wavelength", data=np.array(wavelengths, float), dimension_names=["wavelength"]).attrs["units"] = "nm"
-    for q, (chart, depth, coverage) in enumerate(sheets):
-        g = root if q == 0 else root.create_group(f"hidden/{q}")
-        g.create_array("chart", data=np.asarray(chart, np.float32), dimension_names=["wavelength", "y", "x"])
-        g.create_array("depth", data=np.asarray(depth), dimension_names=["y", "x"], attributes={"unit": "m", "kind": "planar"})
-        g.create_array("coverage", data=np.asarray(coverage, np.float32), dimension_names=["y", "x"], attributes={"light": "straight"})
-    return out
-
-
-def measured(**reflectances):
-    """Flags for materials of the same reflectance at every wavelength."""
-    flags = []
-    for name, value in reflectances.items():
-        path = folder / f"{name}.csv"
-        path.write_text(f"wavelength_nm,reflectance\n380,{float(value)!r}\n780,{float(value)!r}\n")
-        flags += ["--material", f"{name}={path}"]
-    return flags
-
-
-def white(nm):
-    """Radiance of a white surface in 1000 lx of D65, as drawn charts have it: the brightest of a depth scene is a disc of reflectance 0.9."""
-    return exported(f"gen:depth-scene?size=100&wavelengths={nm}&near_m=1&far_m=2").max() / 0.9
-
-
-# ---------------------------------------------------------------- checks
 def drawn_scene():
     """The scene that `gen:depth-scene` draws, in triangles with the same corners in the picture: wall, floor, disc of 18 spokes, black ball (a closed surface)."""
     near, far, nm = 0.1, 0.3, 550
@@ -263,21 +107,6 @@ def drawn_scene():
     table.below("  film, there: % of the peak", error[edge].max(), 5)
 
 
-def thin_lens(view, nm, aperture_m, nodes):
-    """Pack of a thin lens of the view's focal length and pixels, in focus at the first of `nodes`, 1/m: blur by discs, no distortion."""
-    blur, h = view.focal_px * aperture_m / 2, np.array([0.0, 4.0])
-    band = dict(h_real=h, h_ideal=h, ri=np.ones(2), delta_mm=np.zeros(2), ratio=np.ones((len(nodes), 2)), vergence=np.array(nodes),
-                kernels=[np.stack([disc_kernel(blur * abs(v - nodes[0]))] * 2).astype(np.float32) for v in nodes])
-    lens_pack.write(folder / "thin.lens.zip", [band], h, nodes[0], blur, view.pitch_um)
-    out = folder / "thin.lens.zarr"
-    shutil.rmtree(out, ignore_errors=True)
-    shutil.unpack_archive(folder / "thin.lens.zip", folder)
-    attributes = zarr.open_group(out, mode="r+").attrs
-    attributes.update({k: view.focal_px * view.pitch_um * 1e-3 for k in ("distortion_focal_length_mm", "effective_focal_length_mm")})
-    zarr.open_group(out, mode="r+")["wavelength"][:] = nm
-    return out
-
-
 def black_ball():
     """Ball of radius 5 mm at 1 m before a white wall at 2 m in focus, film points t px of 2 um from its image on the axis.
 
@@ -294,7 +123,7 @@ def black_ball():
     for lens, more, expected in (("thin lens", ["--image-plane", "paraxial"], [0.6399, 0.6399, 0.6934, 0.7603, 0.8431, 0.9108, 1]), ("Double Gauss", [], truth)):
         view = View("double-gauss-28", 2, (41, 361), 8, "0.99:2", *more)
         if lens == "thin lens":
-            pack = thin_lens(view, nm, 33.33e-3, [0.5, 0.505, 1.0, 1.0051])
+            pack = files.thin_lens(view, nm, 33.33e-3, 0.5, [0.5, 0.505, 1.0, 1.0051])
         else:
             groups, pack = [(folder / "far.lens.zarr", "1.9996:2.0004"), (folder / "near.lens.zarr", "0.99497:1")], folder / "joined.lens.zarr"
             for out, depths in groups:
