@@ -81,7 +81,7 @@ def mesh(path):
 
 
 def main():
-    program, out = sys.argv[1], Path(sys.argv[2] if len(sys.argv) > 2 else "scripts/readme/pawns.png")
+    program, out = Path(sys.argv[1]).resolve(), Path(sys.argv[2] if len(sys.argv) > 2 else "scripts/readme/pawns.png")
     with tempfile.TemporaryDirectory() as folder:
         run = lambda *words: subprocess.run([program, *map(str, words), "--quiet"], cwd=folder, check=True)  # noqa: E731
         mesh(Path(folder) / "pawns.obj")
