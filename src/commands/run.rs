@@ -17,6 +17,7 @@
 //! created) against the plan; step 4 for these units; then step 2 and the comparison of the job with the plan, and steps 5 to 8.
 
 mod display;
+mod execute;
 mod forecast;
 #[cfg(feature = "mesh")]
 pub mod mesh;
@@ -25,6 +26,7 @@ mod record;
 mod samples;
 mod shards;
 mod sink;
+mod task;
 mod units;
 
 use crate::args::{MeshArgs, ProgressArg, RunArgs, RunCommand};
@@ -32,40 +34,31 @@ use crate::commands::cache;
 use crate::commands::plan::CommandLine;
 use crate::commands::pyramid;
 use crate::design;
-use crate::failure::{code, usage};
+use crate::failure::usage;
 use crate::film;
 use crate::job::Job;
-use crate::job::depth::Depth;
 use crate::job::film_engine;
 use crate::job::lens::shown_name;
-use crate::job::stages::{layers, prepare, without_layers};
+use crate::job::stages::{layers, without_layers};
 use crate::open;
 use crate::outputs::Guard;
 use crate::progress::interrupt;
 use crate::progress::jsonl::Jsonl;
-use crate::progress::{Bars, detail_line, json_path, log_line, plural, report_kept, resume_note};
+use crate::progress::{detail_line, log_line, plural, resume_note};
 use crate::progress::{mib, number};
 use anyhow::{Context, Result};
 use clap::ArgMatches;
-use display::Display;
+use execute::execute;
 use forecast::Forecast;
-use formats::durable::{Lock, ProcessIdentity, fault_point, is_url, parent_of};
+use formats::durable::{fault_point, is_url, parent_of};
 use formats::film::{FilmStore, FilmWriter};
-use formats::group::{GroupError, JobGroup};
-use monitor::{Monitor, RunFailure};
 use pipeline::cuda::memory::DeviceQueue;
-use pipeline::depth::SceneInputs;
-use pipeline::depth::counts::{Counts, SharedCounts};
-use pipeline::depth::invented::InventedLight;
-use pipeline::executor::{BandWork, Summary, Work, run};
-use pipeline::stages::StageCompute;
 use pipeline::tiling::ShardId;
-use serde_json::{Value, json};
-use sink::FilmStoreSink;
+use serde_json::Value;
 use std::collections::BTreeSet;
 use std::path::Path;
-use std::sync::Mutex;
 use std::time::Instant;
+use task::{ShardCount, Task};
 use units::Units;
 
 /// Runs the command, parsed from `matches`; the exit code.
@@ -205,88 +198,6 @@ fn trim_cache(args: &RunArgs) {
     }
 }
 
-/// The part of a job that this process computes.
-struct Task<'a> {
-    args: &'a RunArgs,
-    store: &'a FilmStore,
-    /// `None`: the complete film.
-    units: Option<&'a Units>,
-    jsonl: Option<&'a Jsonl>,
-    progress: ProgressArg,
-    start: Instant,
-}
-
-impl Task<'_> {
-    /// Name in messages.
-    fn name(&self) -> String {
-        let film = self.store.path().display();
-        self.units.map_or_else(|| film.to_string(), |u| format!("units {} of {film}", u.listed()))
-    }
-
-    fn lock(&self) -> Result<Option<Lock>> {
-        match self.units {
-            Some(units) => units.lock(self.store),
-            None => Ok(self.store.group().lock(JobGroup::WHOLE, self.args.process.take_over)?),
-        }
-    }
-
-    /// All `shards` are present; `verb` fits [`Task::name`].
-    fn already_complete(&self, shards: usize, verb: &str) -> Result<u8> {
-        // Removes temporary files of a run that was killed after its last shard. Fails on a read-only film, which is complete as well.
-        let _ = (self.lock(), self.store.group().sweep());
-        fault_point("shards-made");
-        self.store.group().check_in_place()?;
-        log_line(format!("{} {verb} complete: {}, nothing to do", self.name(), plural(shards, "shard")));
-        record::nothing_to_do(self.jsonl, self.store, shards);
-        Ok(0)
-    }
-
-    /// Locks the film and removes temporary files of ended processes.
-    fn lock_and_sweep(&self) -> Result<Option<Lock>> {
-        let lock = self.lock()?;
-        if let Some(lock) = &lock {
-            interrupt::release_on_exit(lock.path());
-        }
-        fault_point("locked");
-        if self.args.no_fsync {
-            log_line("--no-fsync: a power failure may lose shards that were reported as written");
-        }
-        let swept = self.store.group().sweep()?;
-        report_kept(&swept);
-        if !swept.removed.is_empty() {
-            log_line(format!("removed {} temporary files of an interrupted run", swept.removed.len()));
-        }
-        Ok(lock)
-    }
-
-    /// Writes the `start` event.
-    fn write_start_event(&self, job: &Job, shards: &ShardCount, tiles: &[(u64, u64)]) {
-        let Some(jsonl) = self.jsonl else { return };
-        let (tiles, pixels) = tiles.iter().fold((0, 0), |a, b| (a.0 + b.0, a.1 + b.1));
-        jsonl.set_totals(shards.missing as u64, tiles, pixels);
-        let fields = json!({
-            "film": json_path(self.store.path()),
-            "device": job.device(),
-            "engine": job.engine.to_string(),
-            "threads": job.threads,
-            "pid": std::process::id(),
-            "host": ProcessIdentity::current().host,
-            "shards": shards.all,
-            "shards_done": shards.all - shards.missing,
-            "tiles": tiles,
-            "pixels": pixels,
-            "startup_s": self.start.elapsed().as_secs_f64(),
-        });
-        jsonl.write("start", fields);
-    }
-}
-
-/// Shards of a task.
-struct ShardCount {
-    all: usize,
-    missing: usize,
-}
-
 /// Computes the shards of a task that are missing.
 fn compute_missing(task: &Task<'_>, mut job: Job) -> Result<u8> {
     let Task { args, store, units, .. } = *task;
@@ -330,121 +241,6 @@ fn restore_layers(task: &Task<'_>, job: &Job) -> Result<()> {
         layers(job, &film, position).map_err(anyhow::Error::from_boxed)?;
     }
     Ok(film.finish()?)
-}
-
-/// Computes and writes the shards `missing`, per position of the job.
-fn execute(task: &Task<'_>, job: &Job, count: &ShardCount, missing: Vec<BTreeSet<ShardId>>) -> Result<u8> {
-    let store = task.store;
-    let bands = std::iter::zip(missing, std::iter::zip(&job.plans, &job.chart_bands));
-    let band = |(shards, (plan, &chart_band)): (_, (&pipeline::band::BandPlan, &usize))| BandWork {
-        chart_band,
-        tiling: plan.tiling,
-        shards,
-    };
-    let work = Work {
-        film: job.frame.film,
-        regions: &job.regions,
-        bands: bands.map(band).collect(),
-        threads: job.threads,
-        max_encoded_shards: job.memory.encoded_shards,
-        gpus: &job.queues,
-        cancel: interrupt::cancel_flag(),
-    };
-    let tiles = shards::tiles(&work);
-    task.write_start_event(job, count, &tiles);
-    let startup_s = task.start.elapsed().as_secs_f64();
-    let monitor = Monitor::new(display(task, job, &tiles), startup_s, task.args.keep_going);
-    fault_point("tiles-begin");
-    let energy = Mutex::new(vec![None; job.plans.len()]);
-    let film = FilmWriter::new(store);
-    let prepare = |position: usize| prepare(job, &film, position, &energy);
-    let sheets = job.depth.as_ref().map_or_else(Vec::new, Depth::sheets);
-    let counts = SharedCounts::default();
-    let invented = job.film.has_invented.then(|| InventedLight::new(&job.regions));
-    let compute = StageCompute::new(job.frame, job.memory.spectra, &prepare).with_surfaces(SceneInputs {
-        sheets: &sheets,
-        invented: invented.as_ref(),
-        counts: Some(&counts),
-    });
-    let (film_bands, light) = (&*job.film_bands, Mutex::default());
-    let sink = FilmStoreSink { film: &film, film_bands, invented: invented.as_ref(), light };
-    let result = run(&work, job.chart.source(), &sink, &compute, &monitor);
-    // Also after an interruption or an error: the shards made so far.
-    let committed = film.finish();
-    monitor.display.finish();
-    fault_point("shards-made");
-    let outcome = monitor.outcome(job, store, count.missing as u64, result, committed);
-    let outcome = check_film_in_place(store, outcome).and_then(|summary| check_inputs(job, summary));
-    let energy = energy.into_inner().expect("no panic while held");
-    record::write(job, store, task.units, &monitor, &outcome, &energy);
-    let summary = outcome.map_err(|failure| failure.error)?;
-    print_depth(&counts.sum(), &sink);
-    let left = (count.missing as u64).saturating_sub(summary.shards);
-    if left > 0 {
-        log_line(format!(
-            "interrupted: {left} of {} shards are left; {}",
-            count.missing,
-            resume_note(task.args.process.overwrite)
-        ));
-        return Ok(code::INTERRUPTED);
-    }
-    record::write_done_event(task.jsonl, job, &summary);
-    Ok(0)
-}
-
-/// Prints what the depth stage computed, and the share of the light that comes from invented surfaces.
-fn print_depth(counts: &Counts, sink: &FilmStoreSink<'_>) {
-    if counts.tiles > 0 {
-        detail_line(format!(
-            "depth: {} tiles, {:.1} slabs a tile, {} transforms of {:.1} nodes a block, {:.2} of the model",
-            counts.tiles,
-            counts.slabs_of_a_tile(),
-            counts.forward + counts.inverse,
-            counts.nodes(),
-            counts.of_model(),
-        ));
-    }
-    let (light, invented) = *sink.light.lock().expect("no panic while held");
-    if light > 0.0 && sink.invented.is_some() {
-        let percent = 100.0 * invented / light;
-        detail_line(format!(
-            "{percent:.3} % of the light of these shards comes from invented surfaces (array `invented`)"
-        ));
-    }
-}
-
-/// Display of progress: bars, or JSON lines.
-fn display<'a>(task: &Task<'a>, job: &'a Job, tiles: &[(u64, u64)]) -> Display<'a> {
-    match task.jsonl {
-        Some(jsonl) => Display::Lines { jsonl, job, store: task.store },
-        None => {
-            let names = job.plans.iter().map(|p| format!("{} nm", number(p.lens.wavelength_nm))).collect();
-            let pixels: Vec<u64> = tiles.iter().map(|t| t.1).collect();
-            Display::Bars(Bars::new(names, &pixels, task.progress))
-        }
-    }
-}
-
-/// `outcome`, unless the film was replaced during the run: then what the run wrote is lost, and that is the error.
-fn check_film_in_place(
-    store: &FilmStore,
-    outcome: Result<Summary, Box<RunFailure>>,
-) -> Result<Summary, Box<RunFailure>> {
-    let error = match (store.group().check_in_place(), &outcome) {
-        (Ok(()), _) => return outcome,
-        (Err(e @ (GroupError::Replaced { .. } | GroupError::Recreated { .. })), _) | (Err(e), Ok(_)) => e,
-        (Err(_), Err(_)) => return outcome,
-    };
-    let summary = outcome.map_or_else(|failure| failure.summary, Some);
-    Err(Box::new(RunFailure { error: error.into(), summary }))
-}
-
-/// Fails if chart or lens changed during the run.
-fn check_inputs(job: &Job, summary: Summary) -> Result<Summary, Box<RunFailure>> {
-    match film::check_chart_unchanged(job).and_then(|()| job.lens.check_unchanged()) {
-        Ok(()) => Ok(summary),
-        Err(error) => Err(Box::new(RunFailure { error, summary: Some(summary) })),
-    }
 }
 
 /// Sorts a chart with interleaved bands by band, into a temporary file beside the film.
