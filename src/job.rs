@@ -217,6 +217,11 @@ impl<'a> UntracedJob<'a> {
         DepthForecast::new((&self.arguments, &self.inputs, &self.film), &self.lens)
     }
 
+    /// What GPUs do not compute of it.
+    pub fn on_cpu(&self) -> Option<&str> {
+        self.arguments.on_cpu.as_deref()
+    }
+
     /// Name of its lens.
     pub fn lens_name(&self) -> &str {
         self.lens.name()
@@ -329,8 +334,8 @@ impl<'a> UntracedJob<'a> {
         notes.extend(excess_note(memory.planned));
         let device = arguments.device;
         let mut details = plan.lens.details().to_vec();
-        // Surfaces at several distances are computed on the CPU whatever devices there are.
-        match args.device == Device::Auto && inputs.depth.is_none() {
+        // What GPUs do not compute is on the CPU whatever devices there are.
+        match args.device == Device::Auto && arguments.on_cpu.is_none() {
             true if device.no_gpu => details.push(device.reason),
             true => notes.push(device.reason),
             false => {}

@@ -54,8 +54,8 @@ pub fn command(args: &PlanArgs, matches: &ArgMatches) -> Result<u8> {
         run.surfaces = DepthArgs { focus_m: None, gap: Vec::new(), depth_tolerance: None, ..run.surfaces };
     }
     let command = worker_command(&run, matches)?;
-    let engine = film_engine::planned(&args.job)?;
     let untraced = UntracedJob::new(&run)?;
+    let engine = film_engine::planned(&args.job, untraced.on_cpu())?;
     film::check_before_tracing(&untraced, &run)?;
     let mut job = untraced.traced()?;
     job.engine = engine;

@@ -1,7 +1,7 @@
 //! Step 2: arguments resolved: device, engine, options, threads.
 
 use super::keys::DIGEST;
-use crate::args::{Device, RunArgs};
+use crate::args::RunArgs;
 use crate::failure::usage;
 use crate::job::film_engine;
 use crate::machine::device::DeviceSelection;
@@ -21,6 +21,8 @@ use pipeline::stages::{default_stages, described};
 pub struct Arguments<'a> {
     /// As given.
     pub given: &'a RunArgs,
+    /// What GPUs do not compute of the job; it is then computed on the CPU.
+    pub on_cpu: Option<String>,
     /// Selected device and engine.
     pub device: DeviceSelection,
     /// Stages, interpolation and accuracy.
@@ -53,20 +55,11 @@ impl<'a> Arguments<'a> {
             Some(stage) => Some(format!("the stage {}", stage.name)),
             None => on_cpu.map(str::to_owned),
         };
-        let device = match (on_cpu, &given.device) {
-            (Some(what), Device::Cuda(_)) => {
-                return Err(usage(format!(
-                    "{what} is computed on the CPU, not with --device {}",
-                    given.device
-                )));
-            }
-            (Some(_), Device::Auto) => &Device::Cpu,
-            (_, device) => device,
-        };
+        let device = film_engine::device(given, on_cpu.as_deref())?;
         let device = DeviceSelection::new(device, given.engine.explicit(), film_engine)?;
         let codec = given.codec.or(film.map(|film| film.spec().codec)).unwrap_or_default();
         let options = options(given, device.simd);
-        Ok(Self { given, device, options, codec, threads: threads(given.threads), check_input })
+        Ok(Self { given, on_cpu, device, options, codec, threads: threads(given.threads), check_input })
     }
 }
 

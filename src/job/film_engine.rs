@@ -3,8 +3,8 @@
 //! Another engine is rejected (exit code 3) unless `--mixed-engines`; it is then recorded in the film
 //! ([`FilmStore::mark_engine`]) before its first shard, so that an interruption cannot leave it unrecorded.
 
-use crate::args::RunArgs;
 use crate::args::engine::Engine;
+use crate::args::{Device, RunArgs};
 use crate::failure::{other_job, usage};
 use crate::machine::device::{DeviceSelection, check_agreement};
 use crate::progress::log_line;
@@ -39,19 +39,38 @@ pub fn recorded(film: &FilmStore) -> Option<Engine> {
     film.engine().and_then(|name| name.parse().ok())
 }
 
-/// The engine of a plan's workers: `--engine`, else that of the film, else the default on this machine.
+/// The device of a job; `on_cpu`: what GPUs do not compute of it.
 ///
 /// # Errors
-/// `--device cuda` without `--engine` where there is no GPU.
-pub fn planned(args: &RunArgs) -> Result<Engine> {
+/// Usage: what GPUs do not compute with `--device cuda` or a GPU's `--engine`.
+pub fn device<'a>(args: &'a RunArgs, on_cpu: Option<&str>) -> Result<&'a Device> {
+    let Some(what) = on_cpu else { return Ok(&args.device) };
+    match (&args.device, args.engine.explicit()) {
+        (Device::Cuda(_), _) => {
+            Err(usage(format!("{what} is computed on the CPU, not with --device {}", args.device)))
+        }
+        (_, Some(engine @ Engine::Cuda(_))) => {
+            Err(usage(format!("{what} is computed on the CPU, not with --engine {engine}")))
+        }
+        _ => Ok(&Device::Cpu),
+    }
+}
+
+/// The engine of a plan's workers: `--engine`, else that of the film, else the default on this machine, which is of the CPU where GPUs do
+/// not compute `on_cpu`.
+///
+/// # Errors
+/// `--device cuda` without `--engine` where there is no GPU; as [`device`].
+pub fn planned(args: &RunArgs, on_cpu: Option<&str>) -> Result<Engine> {
+    let device = device(args, on_cpu)?;
     let film = existing(&args.film, args.process.overwrite)?;
-    let film = film.as_ref().and_then(recorded).filter(|engine| args.device.allows(*engine));
+    let film = film.as_ref().and_then(recorded).filter(|engine| device.allows(*engine));
     match args.engine.explicit().or(film) {
         Some(engine) => {
-            check_agreement(engine, &args.device)?;
+            check_agreement(engine, device)?;
             Ok(engine)
         }
-        None => DeviceSelection::new(&args.device, None, None).map(|selected| selected.engine).map_err(|e| {
+        None => DeviceSelection::new(device, None, None).map(|selected| selected.engine).map_err(|e| {
             usage(format!("{e}; to plan for other machines name their engine, e.g. `--engine cuda-sm_90`"))
         }),
     }

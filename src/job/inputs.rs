@@ -21,7 +21,7 @@ use std::path::Path;
 use std::sync::{Arc, Once};
 
 /// What films of surfaces at several distances are called where GPUs do not compute them.
-pub const DEPTH: &str = "--depth";
+pub const DEPTH: &str = "a film of surfaces at several distances";
 /// Relative difference of focal lengths or pitches that are the same.
 const SAME: f64 = 1e-6;
 

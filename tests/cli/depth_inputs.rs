@@ -313,3 +313,24 @@ fn premultiplied_colours_without_coverage_are_an_error() {
     assert_exit(&result, 2, &["alpha at row 5, column 7 is 0.25", "premultiplied", "depth and coverage"]);
     assert_exit(&film("number", &holes, &["--depth", "0.7"]), 2, &["premultiplied"]);
 }
+
+#[test]
+fn a_gpus_engine_is_refused_for_distances_by_run_and_plan() {
+    let inputs = Inputs::new();
+    let depth = inputs.raw("depth.raw", values(square).iter().map(|v| v.to_le_bytes().to_vec()));
+    let pack = Path::new(env!("CARGO_MANIFEST_DIR")).join("tests/golden/depth/packs/six-slabs.lens.zip");
+    let flags =
+        ["--lens", text(&pack), "--outside", "clamp", "--depth", text(&depth), "--depth-dtype", "f32"];
+    let expected =
+        ["a film of surfaces at several distances is computed on the CPU, not with --engine cuda-sm_90"];
+    for (command, more) in [("run", vec![]), ("plan", vec!["--output", "plan.json"])] {
+        let output = inputs.path("plan.json");
+        let more: Vec<&str> =
+            more.into_iter().map(|word| if word == "plan.json" { text(&output) } else { word }).collect();
+        let film = inputs.path("refused.zarr");
+        let line =
+            [&[command, CHART, text(&film)][..], &flags[..], &more, &["--engine", "cuda-sm_90"]].concat();
+        assert_exit(&lenscube(&line), 2, &expected);
+        assert!(!film.exists() && !output.exists(), "{command}");
+    }
+}
