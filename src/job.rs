@@ -27,11 +27,11 @@ pub mod inputs;
 mod keys;
 pub mod layers;
 pub mod lens;
-mod light;
 pub mod light_units;
 pub mod memory;
 mod notes;
 mod numeric_version;
+mod own_layers;
 pub mod preview;
 pub mod recorded_lens;
 mod reduced;
@@ -42,6 +42,7 @@ pub mod stretch;
 mod tails;
 mod tile_cost;
 mod veil;
+mod window_light;
 
 pub use arguments::default_options;
 pub use bands::PlannedBands;
@@ -67,7 +68,6 @@ use coverage::Coverage;
 use depth_forecast::DepthForecast;
 use formats::chart::ArrayChart;
 use formats::film::FilmSpec;
-use ghosts::JobGhosts;
 use inputs::{Inputs, Opened};
 use pipeline::band::{BandPlan, Options};
 use pipeline::cuda::memory::DeviceQueue;
@@ -78,7 +78,6 @@ use serde_json::{Map, Value};
 use std::sync::Arc;
 use stretch::RemapStretch;
 use tails::JobTail;
-use veil::JobVeil;
 
 /// Key of the record of a design in the attribute `source` of a film.
 const LENS_REQUEST: &str = "lens_request";
@@ -199,12 +198,9 @@ impl<'a> UntracedJob<'a> {
     fn resolve_opened(args: &'a RunArgs, opened: Opened, planned: Option<PlannedBands<'a>>) -> Result<Self> {
         let arguments = Arguments::resolve(args, opened.has_depth(), opened.on_cpu())?;
         let (inputs, lens) = Inputs::new(args, opened, planned.map(|p| p.bands))?;
-        let nm = &inputs.selected_nm;
-        let ghosts = JobGhosts::new(args, &lens, &inputs.frame, nm, arguments.threads)?;
-        let veil = JobVeil::new(args, &inputs, arguments.threads, ghosts)?;
-        let layers: Vec<Box<dyn JobLayer>> = veil.into_iter().map(|veil| Box::new(veil) as _).collect();
+        let layers = own_layers::layers(args, &inputs, &lens, arguments.threads)?;
         let film = film::film_spec(&arguments, &inputs.frame, inputs.selected_nm.clone(), &inputs, &layers)?;
-        light::check_pitch(args, &lens)?;
+        window_light::check_pitch(args, &lens)?;
         let has_tails = tails::has_tails(args, inputs.depth.is_some(), &lens)?;
         Ok(Self { args, planned, arguments, inputs, lens, has_tails, layers, film })
     }
@@ -296,7 +292,7 @@ impl<'a> UntracedJob<'a> {
             plan.film.layers.insert(0, tail.stored().clone());
             layers.insert(0, Box::new(tail));
         }
-        light::check(args, &plan.bands)?;
+        window_light::check(args, &plan.bands)?;
         let stretch = RemapStretch::new(&inputs.frame, &plan.bands, &arguments.options);
         let chart_bands = inputs.chart_bands();
         open::read_past_page_cache(&mut inputs.chart, &chart_bands, arguments.threads);

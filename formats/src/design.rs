@@ -15,9 +15,9 @@
 //!
 //! # Adding a lens format
 //!
-//! A module `design/FORMAT.rs`, with a folder beside it if it is large, whose function `parse` collects a `draft::Draft` and finishes it, and a row in [`FORMATS`].
+//! A module `design/FORMAT.rs`, with a folder beside it if it is large, whose function `parse` collects a `draft::Draft` and finishes it, its line below, and a row at the end of [`FORMATS`].
 //! Endings in help and messages, reading, and `lens convert` if the row has a writer, follow from the row.
-//! Tests: a target in `formats/tests/fuzz/designs.rs`, and `formats/tests/design/survival.rs` for a writer. What is read of the format, for users: `src/manual/guide/lenses.md`.
+//! Tests: a target in `formats/tests/fuzz/designs.rs`, `formats/tests/design/survival.rs` and its chain in `chain.rs` for a writer, the snapshots of help. Files are text of at most 8 MB (`lens_file`); a binary format needs a `Content` there. What is read of the format, for users: `src/manual/guide/lenses.md`.
 
 pub mod agf;
 mod asymmetric;

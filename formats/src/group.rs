@@ -28,6 +28,7 @@ use crate::hierarchy::NewGroup;
 pub(crate) use derived::{Derived, OME, PYRAMID_GROUP, metadata_key};
 pub use error::{Found, GroupError};
 pub use kind::GroupKind;
+pub(crate) use kind::LAYER_NAMES;
 pub use output::Output;
 pub(crate) use removal::ENGINE_EXTENSION;
 pub(crate) use verify::ShardFile;

@@ -27,7 +27,8 @@
 //!
 //! `chart/FORMAT.rs`, whose bands a `BandDecoder` decodes for a `DecodedChart` (`chart/exr.rs` is one), its `mod` line in `chart.rs` and its row in
 //! `chart/any.rs`. Samples in a flat file: `chart/raster/` (`open.rs`, `layout.rs`, `samples.rs`). Its name: in the table of `chart.rs`,
-//! the error of a chart that is not found (`chart/error.rs`), the guide's page `charts`. Tests: `tests/cli/formats.rs`, `tests/cli/invariance.rs`, `formats/tests/fuzz/`.
+//! the error of a chart that is not found (`chart/error.rs`), the help of CHART (`src/args/run.rs`), the guide's page `charts`. Tests: `tests/cli/formats.rs`, `tests/cli/invariance.rs`, a target in
+//! `formats/tests/fuzz/` and its line in `main.rs`, files of other programs in `formats/tests/data` (`SOURCES.md`), the snapshots of help and errors.
 //!
 //! # Adding a codec of films and charts
 //!

@@ -45,23 +45,36 @@
 //!
 //! # Adding a stage
 //!
-//! A stage between remap and overlap-add, which changes the light of a tile:
+//! Light that changes from pixel to pixel is computed tile by tile, between remap and overlap-add, where the tails of neighbouring tiles overlap. Light that is smooth over the film, or is added once
+//! to each pixel, is a [`layer`]: computed before the tiles, stored with the film, added to finished shards.
 //!
-//! - its own module with the equation at the head;
-//! - a variant of [`stage::Stage`] and its row in `stages/description.rs`: name and help of the switch, identity, engines, reach, memory, cost;
-//!   `--stages`, `status`, the memory plan and forecasts are made from the row;
-//! - [`band`]: `BandStages`, what [`stages`] computes of a tile, and `clock::Phase` if its time is counted by itself;
-//!   What a worker keeps in memory follows from the row; the margin of tiles is half the PSF window ([`tiling`]), which a stage that reads further must enlarge;
-//! - a flag of its own, in place of `--stages`: its arguments in `src/args` and a field of `src/args/run.rs`; `src/job/arguments.rs` switches the stage on,
-//!   `src/job/identity.rs` has its values. What lenses without symmetry cannot have is refused in
-//!   `src/job/inputs.rs`. Surfaces at several distances have a computation of their own ([`depth`]), which applies the stage itself if it is to have it;
+//! Both:
+//!
+//! - the module with the equation at its head, its line here;
+//! - a variant of [`stage::Stage`];
+//! - its row in `stages/description.rs`: name and help of the switch, identity, engines, reach, memory, cost; `--stages`, `status`, the memory plan and forecasts are made from the row
+//!   (those of surfaces at several distances have a computation of their own, [`depth`], which applies the stage itself if it is to have it);
+//! - a flag of its own, in place of `--stages`: a field of `src/args/run.rs` and of its `new`, or of one of the groups of arguments there, which `shoot` and the film of arrays have as well; the latter
+//!   knows it by `src/job/arrays/flags.rs`;
+//! - bounds of its numbers in [`bounds`]; what lenses without symmetry cannot have is refused in `src/job/inputs.rs`.
+//!
+//! A stage of tiles:
+//!
+//! - [`band`]: `BandStages`, what [`stages`] computes of a tile, and `clock::Phase` if its time is counted by itself. What a worker keeps in memory follows from the row; the margin of tiles is half the
+//!   PSF window ([`tiling`]), which a stage that reads further must enlarge;
+//! - `src/job/arguments.rs` switches the stage on, `src/job/identity.rs` has its values; where one is named otherwise than its flag, `src/job/keys.rs` says so;
 //! - if GPUs have it: a `.cu` file (`scripts/ptx` compiles it to `pipeline/ptx`), its name in `cuda/ptx.rs`, a launcher beside its module, `stages/cuda/band.rs`, its bytes in
 //!   `cuda/memory.rs`, and its kernel among those of the verdict (`src/machine/device/verdict.rs`);
-//! - tests: `tests/oracle/` of this package, the model in `tests/golden/reference.py` with `make_golden.py`; the snapshots of help; `model.md` and `limits.md` of the guide.
+//! - tests: `tests/oracle/` of this package, the model in `tests/golden/reference.py` with `make_golden.py`.
 //!
-//! Light that is smooth over the film is not a stage of tiles but a [`layer`], added to finished shards (the tails of PSFs in [`tails`], stray light in [`veil`]): a `JobLayer` of
-//! `src/job/layers.rs` (`src/job/veil.rs` is one), which `src/job.rs` puts among the job's, and the name of its array in `formats/src/film/layers.rs`. What is told of it, its
-//! memory, storing, verification and adding follow from these. A switch of its own is a row as above.
+//! A layer (the tails of PSFs in [`tails`], stray light in [`veil`]), which runs on any device:
+//!
+//! - a `JobLayer` of `src/job/layers.rs` in a module of `src/job` (`veil.rs` is one): its coefficients, memory, seconds, and values in the identity;
+//! - its row in `src/job/own_layers.rs`, by which jobs switch it on, make and identify it;
+//! - the name of its array, that of the stage, in `formats/src/group/kind.rs`. Storing, adding, verification, `status`, removal and refusals follow;
+//! - tests: closed forms (`veil/plan/tests.rs`, `tests/cli/veil`), `formats/src/film/tests/layers.rs`.
+//!
+//! Then the snapshots of help, and `model.md` and `limits.md` of the guide.
 //!
 //! Chart formats and codecs: head of the package `formats`.
 //!
@@ -73,6 +86,8 @@
 //! - **remapped image**: the chart after relative illumination and distortion, before the PSF. **contribution**: the PSF stage's output for one
 //!   tile: the tile and its tail.
 //! - **ideal height**: f·tan(field angle). **real height**: where the chief ray lands. Both in mm from the axis.
+//! - **design**: the prescription of a lens. **lens pack**: its tables and PSFs, traced. **surround**: what the chart is taken to be beyond its edges. **taps**: the samples that an interpolation reads.
+//! - **layer**: smooth light of a film, stored on **bins** of pixels. **reduced chart**: means over blocks of the chart's pixels, from which layers are computed.
 //! - **node**: a grid point of the PSF field (height, azimuth). **kernel**: its PSF integrated over film pixels. **spectrum**: the kernel's Fourier
 //!   transform. **weight**: a node's bilinear share at a pixel. **PSF window**: the support of a kernel in film pixels. **margin**: half of it, around a tile or the film.
 //!   **stack**: the PSFs of a band at all heights. **gain** of a band: the factor of its chart values (film units); of a sensor: that of its converter.

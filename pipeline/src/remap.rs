@@ -1,12 +1,12 @@
 //! Remap stage, chart → remapped image: pinhole mapping, relative illumination and distortion in one pass.
 //!
 //! ```text
-//! remapped(X, Y) = R(r) · chart_ideal((X, Y)·h(r)/r)
+//! remapped(X, Y) = gain · R(r) · chart_ideal((X, Y)·h(r)/r)
 //! ```
 //! for the film pixel at (X, Y) mm from the axis, r = hypot(X, Y) its REAL image height; R and h from [`crate::field`]. The chart lies on
 //! the IDEAL image plane: chart pixel = middle of the chart + ((X, Y)·h/r − center)/(pitch·scale). For a lens without rotational symmetry the ideal point and R are functions
 //! of (X, Y) ([`crate::field::planar`]) in place of (X, Y)·h/r and R(r). This is a gather that resamples
-//! values (no Jacobian), so a uniform chart of value 1 gives exactly R. Chart coordinates are f64, split into an integer and
+//! values (no Jacobian), so a uniform chart of value 1 gives exactly gain · R. Chart coordinates are f64, split into an integer and
 //! an f32 fraction ([`crate::resample`]), so pixel values do not depend on the partition of the film.
 //!
 //! The transpose, which scatters, is in `scatter`.

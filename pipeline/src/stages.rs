@@ -5,7 +5,7 @@ pub mod cuda;
 mod description;
 
 pub use compute::Compute;
-pub use description::{Cost, DESCRIPTIONS, Description, default_stages, described};
+pub use description::{Cost, DESCRIPTIONS, Description, default_stages, described, flags_of};
 
 use crate::band::{BandPlan, BandStages};
 use crate::buffer::{ShardPixels, TileBuffer};

@@ -1,6 +1,7 @@
 //! Step 2: arguments resolved: device, engine, options, threads.
 
 use super::keys::DIGEST;
+use super::own_layers::with_layers;
 use crate::args::RunArgs;
 use crate::failure::usage;
 use crate::job::film_engine;
@@ -46,7 +47,7 @@ impl<'a> Arguments<'a> {
                 "--depth requires the stage svpsf; `--depth none` ignores the distances of the chart",
             ));
         }
-        let stages = stages(given);
+        let stages = with_layers(Stages::of(&given.stages), given);
         let film = film_engine::existing(&given.film, given.process.overwrite)?;
         let film_engine = film.as_ref().and_then(film_engine::recorded);
         let check_input = given.check_input || film.as_ref().is_some_and(has_content_digest);
@@ -58,7 +59,7 @@ impl<'a> Arguments<'a> {
         let device = film_engine::device(given, on_cpu.as_deref())?;
         let device = DeviceSelection::new(device, given.engine.explicit(), film_engine)?;
         let codec = given.codec.or(film.map(|film| film.spec().codec)).unwrap_or_default();
-        let options = options(given, device.simd);
+        let options = options(given, stages, device.simd);
         Ok(Self { given, on_cpu, device, options, codec, threads: threads(given.threads), check_input })
     }
 }
@@ -68,23 +69,17 @@ fn has_content_digest(film: &FilmStore) -> bool {
     film.provenance().get("job").is_some_and(|job| job.get(DIGEST).is_some())
 }
 
-/// Those of `--stages`, and those with flags of their own.
-fn stages(args: &RunArgs) -> Stages {
-    let chosen = Stages::of(&args.stages);
-    if args.veil.is_on() { chosen.with(Stage::Veil) } else { chosen }
-}
-
-fn options(args: &RunArgs, simd: Simd) -> Options {
+fn options(given: &RunArgs, stages: Stages, simd: Simd) -> Options {
     Options {
-        stages: stages(args),
+        stages,
         interpolation: ChartInterpolation {
-            interp: args.interp,
-            surround: args.surround,
-            outside: args.outside,
+            interp: given.interp,
+            surround: given.surround,
+            outside: given.outside,
         },
-        azimuths: args.azimuths,
-        psf_window: args.psf_window,
-        between: if args.interpolate_psf { PsfBetween::Interpolate } else { PsfBetween::Error },
+        azimuths: given.azimuths,
+        psf_window: given.psf_window,
+        between: if given.interpolate_psf { PsfBetween::Interpolate } else { PsfBetween::Error },
         simd,
     }
 }

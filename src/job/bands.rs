@@ -4,7 +4,7 @@ use super::arguments::Arguments;
 use super::depth_forecast::DepthForecast;
 use super::film::{gain, regions};
 use super::inputs::Inputs;
-use super::light;
+use super::window_light;
 use crate::job::lens::{EstimatedLens, JobLens, TracedFor, UntracedLens};
 use crate::progress::log_line;
 use anyhow::Result;
@@ -53,13 +53,13 @@ impl JobPlan {
             }
         };
         let lens = JobLens::new(lens, frame, &nm, options, arguments.threads, depth);
-        let lens = lens.map_err(|e| light::with_likely_pitch(args, e))?;
+        let lens = lens.map_err(|e| window_light::with_likely_pitch(args, e))?;
         let plan = |&nm: &f64| {
             let plan = match &inputs.depth {
                 None => BandPlan::new(frame, lens.lens(), nm, options),
                 Some(depth) => BandPlan::with_depth(frame, lens.lens(), nm, options, &depth.surfaces),
             };
-            plan.map_err(|e| light::with_likely_pitch(args, e.into()))
+            plan.map_err(|e| window_light::with_likely_pitch(args, e.into()))
         };
         let bands: Vec<BandPlan> = nm.iter().map(plan).collect::<Result<_>>()?;
         let gains = bands.iter().map(|b| gain(args.film_units, b, frame)).collect();

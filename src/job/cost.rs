@@ -42,7 +42,7 @@ pub fn bytes_read(job: &Job, band: usize, tiles: &[(usize, usize)]) -> u64 {
     all as u64 * sample as u64
 }
 
-/// Reading and decoding a chart pixel for a layer of light, ns: the 50.7 core seconds above.
+/// Reading and decoding a chart pixel for a layer of light, ns: the 50.7 core seconds of `tile_cost`.
 const READING_NS: f64 = 8.2;
 
 /// Bytes of chart that the layers of a band read before its tiles, and core seconds of computing them.

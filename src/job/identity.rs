@@ -5,8 +5,8 @@ use super::film::chart_units;
 use super::inputs::Inputs;
 use super::keys::{DIGEST, MTIMES};
 use super::numeric_version::numeric_version;
-use super::tails::TAILS_VERSION;
-use super::veil;
+use super::own_layers;
+use super::tails::TAIL_LAYER_VERSION;
 use crate::args::{CoatingsArg, RunArgs};
 use crate::open::{Chart, is_builtin};
 use anyhow::Result;
@@ -61,11 +61,9 @@ pub fn identity(
     // Absent without tails: the identity is then that of programs without them.
     if has_tails {
         map.insert("tails".into(), true.into());
-        map.insert(TAILS_VERSION.0.into(), TAILS_VERSION.1.into());
+        map.insert(TAIL_LAYER_VERSION.0.into(), TAIL_LAYER_VERSION.1.into());
     }
-    map.extend(veil::identity(args, frame));
-    map.extend(inputs.scatter.iter().map(|scatter| ("scatter".to_owned(), scatter.identity())));
-    map.extend(inputs.ghosts.iter().map(|ghosts| ("ghosts".to_owned(), ghosts.clone())));
+    map.extend(own_layers::identity(args, inputs));
     if let Some(bands) = args.tracing.integrated_bands() {
         map.insert("band_samples".into(), json!({ "count": bands.count, "width_nm": bands.width_nm }));
     }

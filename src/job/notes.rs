@@ -2,7 +2,7 @@
 
 use super::bands::JobPlan;
 use super::film::{chart_units, radiance_required};
-use super::light;
+use super::window_light;
 use crate::args::{FilmUnits, RunArgs, size_order_note};
 use crate::job::light_units;
 use crate::open::{self, Chart, is_builtin};
@@ -22,7 +22,7 @@ pub fn notes(args: &RunArgs, chart: &Chart, plan: &JobPlan) -> Result<Vec<String
     let mut notes = plan.lens.notes().to_vec();
     notes.extend(open::notes(chart));
     notes.extend(args.placement.film_size.and_then(|size| size_order_note("--film-size", size)));
-    notes.extend(light::pitch_note(args));
+    notes.extend(window_light::pitch_note(args));
     notes.extend(scale_note(args, chart));
     if is_builtin(&args.lens) && Path::new(&args.lens).symlink_metadata().is_ok() {
         notes.push(format!(

@@ -18,7 +18,7 @@ use serde_json::json;
 /// Name of the layer.
 pub const TAILS: &str = "veil_tail";
 /// Key of the identity of a job with tails, and version of their arithmetic: raised whenever the program computes other values of their layer.
-pub const TAILS_VERSION: (&str, u32) = ("tails_version", 2);
+pub const TAIL_LAYER_VERSION: (&str, u32) = ("tails_version", 2);
 
 /// The tails of a job.
 pub struct JobTail {

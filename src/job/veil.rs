@@ -5,6 +5,7 @@ use crate::failure::usage;
 use crate::job::ghosts::JobGhosts;
 use crate::job::inputs::Inputs;
 use crate::job::layers::{JobLayer, LayerInputs};
+use crate::job::lens::UntracedLens;
 use crate::progress::{log_line, number};
 use anyhow::Result;
 use formats::film::FilmLayer;
@@ -41,7 +42,7 @@ impl JobVeil {
     ///
     /// # Errors
     /// Usage: shares, bins or reach that do not fit.
-    pub fn new(
+    fn new(
         args: &RunArgs,
         inputs: &Inputs,
         threads: usize,
@@ -125,9 +126,23 @@ fn bin_px(args: &RunArgs, frame: &Frame) -> usize {
     }
 }
 
+/// The veil of a job, with its ghosts, as a layer.
+///
+/// # Errors
+/// As [`JobVeil::new`] and [`JobGhosts::new`].
+pub fn layer(
+    args: &RunArgs,
+    inputs: &Inputs,
+    lens: &UntracedLens,
+    threads: usize,
+) -> Result<Option<Box<dyn JobLayer>>> {
+    let ghosts = JobGhosts::new(args, lens, &inputs.frame, &inputs.selected_nm, threads)?;
+    Ok(JobVeil::new(args, inputs, threads, ghosts)?.map(|veil| Box::new(veil) as _))
+}
+
 /// What the veil adds to the identity of a job: nothing without one.
-pub fn identity(args: &RunArgs, frame: &Frame) -> Map<String, Value> {
-    let mut map = Map::new();
+pub fn identity(args: &RunArgs, inputs: &Inputs) -> Map<String, Value> {
+    let (frame, mut map) = (&inputs.frame, Map::new());
     if !args.veil.is_on() {
         return map;
     }
@@ -141,6 +156,8 @@ pub fn identity(args: &RunArgs, frame: &Frame) -> Map<String, Value> {
     if bin_px != VeilPlan::usual_bin_px(frame.film) {
         map.insert("veil_bin".into(), bin_px.into());
     }
+    map.extend(inputs.scatter.iter().map(|scatter| ("scatter".to_owned(), scatter.identity())));
+    map.extend(inputs.ghosts.iter().map(|ghosts| ("ghosts".to_owned(), ghosts.clone())));
     map
 }
 

@@ -1,4 +1,4 @@
-//! Layers of light that are added to a film's shards (`pipeline::layer`): an array of f32 beside the film for each, `veil` or `veil_tail`.
+//! Layers of light that are added to a film's shards (`pipeline::layer`): an array of f32 beside the film for each, of its name (`LAYER_NAMES` in `group/kind.rs`).
 //!
 //! One chunk per band: the coefficients on the band's bins, margin included, and NaN behind them where another band has more bins. Attributes:
 //! `bin_px` and `first_pixel` [row, column] (of the first bin, in film pixels; lists where they differ between bands), `margin_bins`,
@@ -17,11 +17,8 @@ use serde_json::{Map, Value, json};
 use super::shards::EncodedShard;
 use super::spec::FilmSpec;
 use super::store::FilmStore;
-use crate::group::{Finding, GroupError};
+use crate::group::{Finding, GroupError, LAYER_NAMES};
 use crate::hierarchy::{array, bytes_and_crc, with_crc};
-
-/// Names of layers, in the order in which they are added.
-pub(crate) const LAYER_NAMES: [&str; 2] = ["veil_tail", "veil"];
 
 /// Bins around those of the film.
 const MARGIN_BINS: Bound = Bound { name: "the margin of a layer in bins", unit: "", min: 2.0, max: 4096.0 };
@@ -31,7 +28,7 @@ const SHARE: Bound = Bound { name: "the share of a layer", unit: "", min: 0.0, m
 /// A layer of light that is stored with a film.
 #[derive(Clone, Debug, PartialEq)]
 pub struct FilmLayer {
-    /// Name of its array: `veil_tail` or `veil`.
+    /// Name of its array, one of `LAYER_NAMES`.
     pub name: String,
     /// Side of its bins per band, film pixels.
     pub bin_px: Vec<usize>,
@@ -90,7 +87,7 @@ impl FilmSpec {
         for (k, layer) in self.layers.iter().enumerate() {
             let is_twice = self.layers[..k].iter().any(|other| other.name == layer.name);
             if !LAYER_NAMES.contains(&&*layer.name) || is_twice {
-                return invalid("veil_tail and veil, each once", layer.name.clone());
+                return invalid("known layers, each once", layer.name.clone());
             }
             if layer.bin_px.len() != bands || layer.share_taken.len() != bands {
                 return invalid("bins and a share for every band", layer.name.clone());

@@ -7,8 +7,8 @@ use pipeline::geometry::{Rect, Size};
 use pipeline::tiling::FilmRegion;
 use serde_json::{Map, Value, json};
 
-use super::layers::{FilmLayer, LAYER_NAMES};
-use crate::group::{Derived, GroupError, GroupKind, Output};
+use super::layers::FilmLayer;
+use crate::group::{Derived, GroupError, GroupKind, LAYER_NAMES, Output};
 use crate::hierarchy::{array, coordinate};
 use crate::shard::{Codec, SampleType, shard_grid, sharding_metadata};
 

@@ -2,6 +2,9 @@
 
 use std::fmt;
 
+/// Names of the layers of light of films, in the order in which they are added.
+pub(crate) const LAYER_NAMES: [&str; 2] = ["veil_tail", "veil"];
+
 /// Kind of a group.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum GroupKind {

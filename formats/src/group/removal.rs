@@ -7,7 +7,7 @@
 //!   runs/…                              records and locks of runs, marks of engines
 //!   .tmp-…                              temporary files, anywhere
 
-use super::kind::GroupKind;
+use super::kind::{GroupKind, LAYER_NAMES};
 use crate::durable::is_temp_name;
 
 /// Extension of the marks of engines.
@@ -46,7 +46,7 @@ fn is_array_name(kind: GroupKind, name: &str) -> bool {
     let coordinate = name.strip_suffix("_y").or_else(|| name.strip_suffix("_x"));
     let own = match kind {
         GroupKind::Film => {
-            matches!(name, "film" | "invented" | "veil" | "veil_tail" | "wavelength" | "y" | "x")
+            matches!(name, "film" | "invented" | "wavelength" | "y" | "x") || LAYER_NAMES.contains(&name)
         }
         GroupKind::Raw => matches!(name, "raw" | "signal" | "frame" | "exposure_s" | "y" | "x"),
         GroupKind::Scene => matches!(name, "weights" | "depth" | "coverage" | "object" | "basis" | "y" | "x"),

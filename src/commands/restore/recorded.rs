@@ -17,6 +17,7 @@ use formats::film::FilmStore;
 use formats::raw::RawStore;
 use pipeline::geometry::Rect;
 use pipeline::restore::noise::NoiseEstimate;
+use pipeline::stages::flags_of;
 use serde_json::Value;
 use std::path::{Path, PathBuf};
 
@@ -227,9 +228,9 @@ fn check_invertible(store: &FilmStore) -> Result<()> {
     }
     if let Some(layer) = spec.layers.iter().find(|layer| layer.name != TAILS) {
         return Err(usage(format!(
-            "film {path} has scatter, veiling glare or ghosts (layer `{}`), which are not undone: make the film without --scatter, \
-             --veiling-glare and --ghosts",
-            layer.name
+            "film {path} has light beside its image (layer `{}`), which is not undone: make the film without {}",
+            layer.name,
+            flags_of(&layer.name)
         )));
     }
     match &spec.outputs[..] {

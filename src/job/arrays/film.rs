@@ -13,7 +13,7 @@ use pipeline::buffer::ShardPixels;
 use pipeline::executor::{BandWork, Work, run};
 use pipeline::flow::{FilmSink, SourceSinkError};
 use pipeline::geometry::{Rect, Size};
-use pipeline::stages::StageCompute;
+use pipeline::stages::{StageCompute, flags_of};
 use pipeline::tails::TailKernels;
 use pipeline::tiling::{FilmRegion, ShardId};
 use std::sync::atomic::AtomicBool;
@@ -175,8 +175,9 @@ impl ArrayFilm {
         let count = self.count((arrays.len(), films.len()), bands);
         if let Some(layer) = self.job.layers.iter().find(|layer| layer.stored().name != TAILS) {
             return Err(usage(format!(
-                "adjoint: the layer `{}` has no transpose; leave out scatter, veiling glare and ghosts",
-                layer.stored().name
+                "adjoint: the layer `{}` has no transpose; leave out {}",
+                layer.stored().name,
+                flags_of(&layer.stored().name)
             )));
         }
         let all: Vec<usize> = (0..count * bands).map(|position| position % bands).collect();
