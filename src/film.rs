@@ -152,6 +152,7 @@ fn check_same_job(
         return Ok(());
     }
     let remedy = match keys[..] {
+        _ if args.process.overwrite => group::MADE_MEANWHILE,
         _ if keys.iter().all(|k| is_trustable(k, &recorded)) && keys.contains(&DIGEST) => {
             "the film was created without --check-input, so the content of its chart is not recorded; if its pixels are the same, \
              continue with --trust-input, else start again with --overwrite"

@@ -1,7 +1,7 @@
 //! What the commands that write a raw or a scene shard by shard have in common: whose group it is, its removal, its lock, the record of a run.
 
 use super::differences;
-use crate::failure::{self, other_job};
+use crate::failure::{self, Coded, code, other_job};
 use crate::machine::peak_resident;
 use crate::progress::{interrupt, log_line, plural, report_kept};
 use anyhow::Result;
@@ -11,15 +11,18 @@ use serde_json::{Map, Value, json};
 use std::path::Path;
 use std::time::{Instant, SystemTime};
 
-/// Fails (exit code 3) unless the group `kind` at `path` with `attributes` is of the job `identity`.
+/// What to do about an output of another job that a command with `--overwrite` finds although it removed what was there.
+pub const MADE_MEANWHILE: &str = "another process has made it since --overwrite removed what was there; choose another path for one of the two";
+
+/// Fails (exit code 3) unless the group `kind` at `path` with `attributes` is of the job `identity`. `overwrite`: what was there before is removed.
 ///
 /// # Errors
 /// Another job.
 pub fn check_job(
-    kind: &str,
-    path: &Path,
+    (kind, path): (&str, &Path),
     attributes: &Map<String, Value>,
     identity: &Map<String, Value>,
+    overwrite: bool,
 ) -> Result<()> {
     let theirs = attributes.get("provenance").and_then(|p| p["job"].as_object()).cloned().unwrap_or_default();
     let differ = differences(&theirs, identity);
@@ -30,11 +33,24 @@ pub fn check_job(
         .iter()
         .map(|(key, there, asked)| format!("{key} ({kind} {there}, requested {asked})"))
         .collect();
+    let remedy = match overwrite {
+        true => MADE_MEANWHILE,
+        false => "choose another path, or replace it with --overwrite",
+    };
     Err(other_job(format!(
-        "{} exists and belongs to another job: {}; choose another path, or replace it with --overwrite",
+        "{} exists and belongs to another job: {}; {remedy}",
         path.display(),
         differences.join(", ")
     )))
+}
+
+/// The error (exit code 75) of an output at `path` that was there when it was to be made, and was gone when it was to be opened.
+pub fn contended(path: &Path) -> anyhow::Error {
+    let message = format!(
+        "{}: another process removes and makes it at the same time; run the same command again",
+        path.display()
+    );
+    Coded { code: code::RETRY, message }.into()
 }
 
 /// Removes the group at `path` by `remove`, unless a run holds its lock.

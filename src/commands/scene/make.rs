@@ -12,7 +12,7 @@ use crate::film::group;
 use crate::progress::{counting, interrupt, log_line, mib, resume_note};
 use anyhow::Result;
 use formats::durable::{Store, fault_point, link_target, parent_of, sweep_entries};
-use formats::group::{Found, GroupError, GroupKind};
+use formats::group::{Found, GroupError};
 use formats::parallel;
 use formats::scene::{FAR_M, Plane, SceneShard, SceneSpec, SceneStore};
 use pipeline::geometry::Rect;
@@ -101,7 +101,7 @@ fn open(args: &SceneArgs, job: &SceneJob, out: &Path) -> Result<SceneStore> {
             created => return Ok(created?),
         }
     }
-    Err(GroupError::Exists { kind: GroupKind::Scene, path: out.into() }.into())
+    Err(group::contended(out))
 }
 
 /// The scene at `out`, if it is this job's own; `None` if nothing is there.
@@ -113,7 +113,7 @@ fn resumed(args: &SceneArgs, job: &SceneJob, out: &Path) -> Result<Option<SceneS
         Err(e) => return Err(e.into()),
     };
     sweep_entries(parent_of(&link_target(out)))?;
-    group::check_job("scene", out, store.attributes(), &job.identity)?;
+    group::check_job(("scene", out), store.attributes(), &job.identity, args.process.overwrite)?;
     Ok(Some(store))
 }
 

@@ -10,7 +10,7 @@ use crate::progress::interrupt;
 use crate::progress::{detail_line, log_line, resume_note};
 use anyhow::Result;
 use formats::durable::{fault_point, link_target, parent_of, sweep_entries};
-use formats::group::{Found, GroupError, GroupKind};
+use formats::group::{Found, GroupError};
 use formats::raw::RawStore;
 use std::path::Path;
 
@@ -19,7 +19,7 @@ pub fn expose(args: &ExposeArgs, job: &RawJob, raw: &Path) -> Result<u8> {
     let start = Start::now();
     interrupt::listen();
     if !args.overwrite
-        && let Some(store) = resumed(job, raw, !args.no_fsync)?
+        && let Some(store) = resumed(args, job, raw)?
     {
         return work(args, job, &store, None, start);
     }
@@ -47,25 +47,22 @@ pub fn expose(args: &ExposeArgs, job: &RawJob, raw: &Path) -> Result<u8> {
         fault_point("raw-removed");
     }
     let store = match RawStore::create(raw, spec, job.attributes(&times), !args.no_fsync) {
-        Err(GroupError::Exists { .. }) => match resumed(job, raw, !args.no_fsync)? {
-            Some(store) => store,
-            None => return Err(GroupError::Exists { kind: GroupKind::Raw, path: raw.into() }.into()),
-        },
+        Err(GroupError::Exists { .. }) => resumed(args, job, raw)?.ok_or_else(|| group::contended(raw))?,
         created => created?,
     };
     work(args, job, &store, measured, start)
 }
 
 /// The raw at `path`, if it is this job's own; `None` if nothing is there.
-fn resumed(job: &RawJob, path: &Path, fsync: bool) -> Result<Option<RawStore>> {
-    let store = match RawStore::open(path, fsync) {
+fn resumed(args: &ExposeArgs, job: &RawJob, path: &Path) -> Result<Option<RawStore>> {
+    let store = match RawStore::open(path, !args.no_fsync) {
         Ok(store) => store,
         Err(GroupError::NotOfKind { found: Found::Nothing, .. }) => return Ok(None),
         Err(e @ GroupError::NotOfKind { .. }) => return Err(other_job(e.to_string())),
         Err(e) => return Err(e.into()),
     };
     sweep_entries(parent_of(&link_target(path)))?;
-    group::check_job("raw", path, store.attributes(), &job.identity)?;
+    group::check_job(("raw", path), store.attributes(), &job.identity, args.overwrite)?;
     Ok(Some(store))
 }
 

@@ -110,6 +110,13 @@ fn run_of_a_replaced_film_exits_3_and_writes_nothing() {
         lenscube(&["verify", text(&job.film)]).ok();
         fs::remove_dir_all(&job.film).unwrap();
     }
+    // Two commands with --overwrite at once: the later one is not told to use that flag.
+    let first = start_until_stopped(job.command(&job.film, "", &["--overwrite"]), "film-removed:1:stop");
+    job.run("", &JOB_B).ok();
+    let ran = first.run_to_end();
+    assert_eq!(ran.code, OTHER_JOB, "{}", ran.stderr);
+    assert!(ran.stderr.contains("another process has made it since --overwrite"), "{}", ran.stderr);
+    fs::remove_dir_all(&job.film).unwrap();
     // Replaced by a film of the same job: the command may be run again.
     let first = start_until_stopped(job.command(&job.film, "", &[]), "commit:1:stop");
     remove_locks(&job.film);

@@ -2,9 +2,10 @@
 
 use super::{OTHER_JOB, WRONG};
 use crate::common::camera::{Place, sensor, sensor_command};
+use crate::common::test_job::StoppedRun;
 use crate::common::{CommandResult, assert_exit, files, lenscube, text};
 use pipeline::geometry::Size;
-use std::process::Command;
+use std::process::{Command, Stdio};
 
 /// Killed at several places and resumed, with exposures that were given and found.
 #[test]
@@ -160,6 +161,27 @@ fn interrupted_file_ends_with_130_and_resumes() {
     let over = [&flags[..], &["--overwrite"]].concat();
     assert_exit(&sensor(&film, &out, &over), 0, &["wrote"]);
     assert!(!raw.exists() && std::fs::read(&out).unwrap() == first);
+}
+
+/// Two commands with `--overwrite` at once: the later one is not told to use that flag.
+#[test]
+fn raw_that_another_process_made_meanwhile_is_said() {
+    let place = Place::new();
+    let film = place.noise(Size::new(100, 120));
+    let raw = place.at("raw");
+    let flags = ["--sensor", "example-2um", "--exposure", "5ms", "--overwrite"];
+    let mut first = sensor_command(&film, &raw, &flags);
+    first.env("LENSCUBE_FAULT", "raw-removed:1:stop").stdout(Stdio::piped()).stderr(Stdio::piped());
+    let mut first = StoppedRun(first.spawn().unwrap());
+    assert!(first.wait_stopped(), "the process ended before it removed the raw");
+    sensor(&film, &raw, &[&flags[..], &["--seed", "2"]].concat()).ok();
+    let ran = first.run_to_end();
+    assert_exit(
+        &ran,
+        OTHER_JOB,
+        &["seed (raw 2, requested", "another process has made it since --overwrite"],
+    );
+    assert!(!ran.stderr.contains("replace it with"), "{}", ran.stderr);
 }
 
 /// The result of `command`, interrupted at the execution `at`, e.g. `commit:2`.
