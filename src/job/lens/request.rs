@@ -10,6 +10,9 @@ use crate::args::{RunArgs, TracingArgs};
 use pipeline::design::trace::{NODES_VERSION, TAILS_VERSION, TRACER_VERSION, TraceOptions};
 use serde_json::{Map, Value, json};
 
+/// Key of the digest of the prescription without its coatings, in the record of a lens that has coatings.
+const UNCOATED: &str = "uncoated";
+
 /// The flags of designs in `args`, as text.
 fn flags(args: &RunArgs) -> Map<String, Value> {
     let TracingArgs { image_plane, aiming, configuration, coatings, energy, max_window_px, .. } =
@@ -45,14 +48,19 @@ impl UntracedLens {
             }
             None => system.identity(),
         };
-        Some(json!({
+        let digest = |text: &str| blake3::hash(text.as_bytes()).to_hex().to_string();
+        let mut request = json!({
             "program": env!("CARGO_PKG_VERSION"),
             "tracer": [TRACER_VERSION, NODES_VERSION, TAILS_VERSION],
-            "prescription": blake3::hash(identity.as_bytes()).to_hex().to_string(),
+            "prescription": digest(&identity),
             "energy": args.tracing.energy.unwrap_or(default_energy()),
             "max_window_px": args.tracing.max_window_px,
             "flags": flags,
-        }))
+        });
+        if system.has_coatings() {
+            request[UNCOATED] = digest(&system.identity_without_coatings()).into();
+        }
+        Some(request)
     }
 }
 
@@ -83,7 +91,12 @@ pub fn difference(recorded: &Value, requested: &Value) -> Option<String> {
     let list: Vec<String> = differing
         .map(|flag| format!("{flag} (film {}, requested {})", text(film.get(flag)), text(asked.get(flag))))
         .collect();
+    let differ_in_coatings = recorded[UNCOATED].is_string() && same(UNCOATED);
     Some(match list.is_empty() {
+        true if differ_in_coatings => format!(
+            "--coatings {} (its file, or a table that it names, has changed since)",
+            text(asked.get("--coatings"))
+        ),
         true => "--lens (another prescription)".into(),
         false => list.join(", "),
     })
@@ -114,6 +127,16 @@ mod tests {
             difference(&film, &of("b", 0.99, None, "nothing")).unwrap(),
             "--lens (another prescription)"
         );
+        // A file of coatings that changed, beside a design that did not.
+        let coated = |prescription: &str, uncoated: &str| {
+            let mut of = of(prescription, 0.99, None, "nothing");
+            (of[UNCOATED], of["flags"]["--coatings"]) = (json!(uncoated), json!("lens.toml"));
+            of
+        };
+        let changed = difference(&coated("a", "x"), &coated("b", "x")).unwrap();
+        assert!(changed.starts_with("--coatings lens.toml (its file"), "{changed}");
+        let redesigned = difference(&coated("a", "x"), &coated("b", "y")).unwrap();
+        assert_eq!(redesigned, "--lens (another prescription)");
         // Of another version of the tracer nothing is known.
         let mut other = of("b", 0.99, None, "2");
         other["tracer"] = json!([2, 2, 3]);

@@ -54,12 +54,20 @@ fn coatings_of_a_file_are_those_of_the_flag() {
     let toml = format!(
         "default = \"quarter\"\n[coating.quarter]\nlayers = [[\"M\", {quarter_um}]]\n[material.M]\nn = 1.38\n"
     );
-    fs::write(job.at("lens.toml"), toml).unwrap();
+    fs::write(job.at("lens.toml"), &toml).unwrap();
     job.run("cache", "flag", &with(&ABSOLUTE, &["--coatings", "mgf2"])).ok();
     job.run("cache", "file", &with(&ABSOLUTE, &["--coatings", text(&job.at("lens.toml"))])).ok();
     let (flag, file) = (pixels(&job.at("flag"), "film").1, pixels(&job.at("file"), "film").1);
     let worst = pairs(&flag, &file).map(|(a, b)| (a / b - 1.0).abs()).fold(0.0, f32::max);
     assert!(worst < 1e-6, "{worst}");
+    // A file that changed since is named, not the lens.
+    fs::write(job.at("lens.toml"), toml.replace("n = 1.38", "n = 1.4")).unwrap();
+    let changed = job.run("cache", "file", &with(&ABSOLUTE, &["--coatings", text(&job.at("lens.toml"))]));
+    assert_error_line(
+        &changed,
+        3,
+        &["--coatings", "lens.toml (its file, or a table that it names, has changed"],
+    );
     // Wrong files and flags end before anything is traced.
     fs::write(job.at("wrong.toml"), "default = \"x\"\n").unwrap();
     let wrong = job.run("cache", "wrong", &["--coatings", text(&job.at("wrong.toml"))]);

@@ -10,12 +10,15 @@ use pipeline::design::coating::CoatingTable;
 pub(super) fn parse(name: &str, text: &str) -> Result<CoatingTable, String> {
     let rows = text.lines().enumerate().map(|(i, line)| (i + 1, line.trim()));
     let mut rows = rows.filter(|(_, line)| !line.is_empty() && !line.starts_with('#'));
-    let (_, header) = rows.next().ok_or("the table is empty")?;
+    let (line, header) = rows.next().ok_or("the table is empty")?;
     let columns: Vec<String> = header.split(',').map(|c| c.trim().to_ascii_lowercase()).collect();
     let expected = ["wavelength_nm", "angle_deg", "rs", "rp", "ts", "tp"];
     let columns: Vec<&str> = columns.iter().map(String::as_str).collect();
     if columns != expected[..4] && columns != expected {
-        return Err(format!("found the columns {header}, expected {}[,ts,tp]", expected[..4].join(",")));
+        return Err(format!(
+            "line {line}: found the columns {header}, expected {}[,ts,tp]",
+            expected[..4].join(",")
+        ));
     }
     let mut values: Vec<(f64, f64, [f64; 4])> = Vec::new();
     for (line, row) in rows {

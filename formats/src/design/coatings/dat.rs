@@ -18,17 +18,30 @@ use std::collections::BTreeMap;
 /// Longest file that is read.
 const MAX_LINES: usize = 1_000_000;
 
+/// Words of a layer, and their line.
+type Layer = (usize, Vec<String>);
+
 #[derive(Default)]
 enum Open {
     #[default]
     Nothing,
     Material(String),
-    Coating(String, Vec<Vec<String>>),
+    /// Name, line of the name, layers.
+    Coating(String, usize, Vec<Layer>),
     Table {
         name: String,
+        /// Line of the name.
+        line: usize,
         angle: Option<f64>,
         rows: Vec<(f64, f64, [f64; 4])>,
+        /// What is wrong with the first row that cannot be.
+        problem: Option<String>,
     },
+}
+
+/// `problem` with its line.
+fn at_line(line: usize, problem: &str) -> String {
+    format!("line {line} of the coating file: {problem}")
 }
 
 /// Reads a coating file for a lens of the primary wavelength `primary_um`.
@@ -42,9 +55,11 @@ pub fn parse(bytes: &[u8], primary_um: f64) -> Result<CoatingFile, LensFileError
         if words.is_empty() {
             continue;
         }
-        let result =
-            if i < MAX_LINES { reader.line(&words) } else { Err(format!("more than {MAX_LINES} lines")) };
-        result.map_err(|problem| error(format!("line {} of the coating file: {problem}", i + 1)))?;
+        let result = match i < MAX_LINES {
+            true => reader.line(i + 1, &words),
+            false => Err(format!("more than {MAX_LINES} lines")),
+        };
+        result.map_err(|problem| error(at_line(i + 1, &problem)))?;
     }
     reader.close().map_err(error)?;
     reader.finish().map_err(error)
@@ -57,11 +72,12 @@ struct Reader {
     materials: BTreeMap<String, Vec<(f64, f64, f64)>>,
     open: Open,
     /// Layers wait for materials that follow them.
-    coatings: Vec<(String, Vec<Vec<String>>)>,
+    coatings: Vec<(String, usize, Vec<Layer>)>,
 }
 
 impl Reader {
-    fn line(&mut self, words: &[&str]) -> Result<(), String> {
+    /// Reads the words of a line.
+    fn line(&mut self, line: usize, words: &[&str]) -> Result<(), String> {
         let name = || words.get(1).map(|w| (*w).to_owned()).ok_or("the name is missing");
         match words[0].to_ascii_uppercase().as_str() {
             "MATE" => {
@@ -72,11 +88,12 @@ impl Reader {
             }
             "COAT" => {
                 self.close()?;
-                self.open = Open::Coating(name()?, Vec::new());
+                self.open = Open::Coating(name()?, line, Vec::new());
             }
             "TABLE" => {
                 self.close()?;
-                self.open = Open::Table { name: name()?, angle: None, rows: Vec::new() };
+                let (name, rows) = (name()?, Vec::new());
+                self.open = Open::Table { name, line, angle: None, rows, problem: None };
             }
             "IDEAL" => {
                 self.close()?;
@@ -84,23 +101,24 @@ impl Reader {
                 let shares = shares.filter(|s| !s.is_empty()).ok_or("expected IDEAL name T [R]")?;
                 let (t, r) = (shares[0], shares.get(1).copied().unwrap_or(1.0 - shares[0]));
                 let coating = check_powers([r, r, t, t]).map(|()| constant(words[1], t, r));
+                let coating = coating.map_err(|problem| at_line(line, &problem));
                 self.file.add(&name()?, coating)?;
             }
             keyword @ ("IDEAL2" | "ENCRYPTED") => {
                 self.close()?;
-                self.file.add(&name()?, Err(format!("{keyword} is not read")))?;
+                self.file.add(&name()?, Err(at_line(line, &format!("{keyword} is not read"))))?;
             }
             "TAPR" => {
                 self.close()?;
                 self.open = Open::Nothing;
             }
-            keyword => self.continued(keyword, words)?,
+            keyword => self.continued(line, keyword, words)?,
         }
         Ok(())
     }
 
     /// A line of the open entry.
-    fn continued(&mut self, keyword: &str, words: &[&str]) -> Result<(), String> {
+    fn continued(&mut self, line: usize, keyword: &str, words: &[&str]) -> Result<(), String> {
         let numbers = |words: &[&str]| words.iter().map(|w| number(w)).collect::<Option<Vec<f64>>>();
         match &mut self.open {
             Open::Material(name) => {
@@ -111,13 +129,17 @@ impl Reader {
                     entries.push((row[0], row[1], row.get(2).map_or(0.0, |k| -k)));
                 }
             }
-            Open::Coating(_, layers) if layers.len() <= MAX_LAYERS => {
-                layers.push(words.iter().map(|w| (*w).to_owned()).collect());
+            Open::Coating(_, _, layers) if layers.len() <= MAX_LAYERS => {
+                layers.push((line, words.iter().map(|w| (*w).to_owned()).collect()));
             }
-            Open::Table { angle, rows, .. } => match (keyword, numbers(&words[1..]), *angle) {
+            Open::Table { angle, rows, problem, .. } => match (keyword, numbers(&words[1..]), *angle) {
                 ("ANGL", Some(n), _) if n.len() == 1 => *angle = Some(n[0]),
                 ("WAVE", Some(n), Some(angle)) if n.len() >= 5 && rows.len() < MAX_ROWS => {
-                    rows.push((n[0], angle, [n[1], n[2], n[3], n[4]]));
+                    let powers = [n[1], n[2], n[3], n[4]];
+                    if problem.is_none() {
+                        *problem = check_powers(powers).err().map(|found| at_line(line, &found));
+                    }
+                    rows.push((n[0], angle, powers));
                 }
                 _ => return Err(format!("`{}` is not ANGL degrees or WAVE µm Rs Rp Ts Tp", words.join(" "))),
             },
@@ -130,24 +152,25 @@ impl Reader {
     fn close(&mut self) -> Result<(), String> {
         match std::mem::take(&mut self.open) {
             Open::Nothing | Open::Material(_) => Ok(()),
-            Open::Coating(name, layers) => {
-                self.coatings.push((name, layers));
+            Open::Coating(name, line, layers) => {
+                self.coatings.push((name, line, layers));
                 Ok(())
             }
-            Open::Table { name, rows, .. } => {
-                let checked = rows.iter().try_for_each(|row| check_powers(row.2));
-                let table = checked.and_then(|()| csv::grid(&name, rows)).map(Coating::Table);
+            Open::Table { name, line, rows, problem, .. } => {
+                let grid = || csv::grid(&name, rows).map_err(|found| at_line(line, &found));
+                let table = problem.map_or_else(grid, Err).map(Coating::Table);
                 self.file.add(&name, table)
             }
         }
     }
 
     fn finish(mut self) -> Result<CoatingFile, String> {
-        for (name, layers) in std::mem::take(&mut self.coatings) {
+        for (name, line, layers) in std::mem::take(&mut self.coatings) {
+            let film = |(line, words): &Layer| self.film(words).map_err(|problem| at_line(*line, &problem));
             let films = match layers.len() {
-                0 => Err("it has no layer".to_owned()),
-                n if n > MAX_LAYERS => Err(format!("it has more than {MAX_LAYERS} layers")),
-                _ => layers.iter().map(|layer| self.film(layer)).collect(),
+                0 => Err(at_line(line, "it has no layer")),
+                n if n > MAX_LAYERS => Err(at_line(line, &format!("it has more than {MAX_LAYERS} layers"))),
+                _ => layers.iter().map(film).collect(),
             };
             self.file.add(&name, films.map(Coating::Films))?;
         }

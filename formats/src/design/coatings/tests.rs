@@ -64,6 +64,30 @@ fn errors_do_not_repeat_a_long_line() {
 }
 
 #[test]
+fn errors_of_files_have_their_lines() {
+    for (from, to, words) in [
+        ("default = \"bbar\"", "default = 3", "line 2: default: "),
+        ("[surface]", "[surfaces]", "line 3: `surfaces` is not known"),
+        ("2 = \"ircut\"", "two = \"ircut\"", "line 4: [surface] two: expected the number of a surface"),
+        ("0.006", "1.2", "line 8: [coating.bbar] reflectance 1.2"),
+        ("94.5", "200000", "line 12: [coating.ircut] a layer is 200000 nm"),
+        ("measured.csv", "missing.csv", "line 14: [coating.measured] missing.csv: not found"),
+        ("n = 1.46", "n = \"x\"", "line 12: [coating.ircut] line 18: [material.SiO2] "),
+    ] {
+        assert!(TOML.contains(from), "{from}");
+        let error = toml::parse(&TOML.replacen(from, to, 1), &beside).unwrap_err().to_string();
+        assert!(error.starts_with(words), "{to}: {error}");
+    }
+    let file = dat::parse(DAT.as_bytes(), 0.55).unwrap();
+    for (name, line) in [("LOOP", 14), ("LOST", 16), ("POL", 18), ("WRONG", 31)] {
+        let error = file.get(name).unwrap_err().to_string();
+        assert!(error.starts_with(&format!("coating {name}: line {line} of the coating file: ")), "{error}");
+    }
+    let error = csv::parse("a", "# a comment\nnm,rs\n").unwrap_err();
+    assert!(error.starts_with("line 2: found the columns nm,rs"), "{error}");
+}
+
+#[test]
 fn wrong_toml_is_an_error_that_says_where() {
     for (from, to, words) in [
         ("default = \"bbar\"", "default = \"bbra\"", "no coating `bbra`; there are BBAR, FLAT"),

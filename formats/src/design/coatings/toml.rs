@@ -16,7 +16,8 @@
 
 use super::{CoatingFile, MAX_LAYERS, MAX_ROWS, check_layer, csv, error};
 use crate::design::error::LensFileError;
-use crate::toml_error::located;
+use crate::toml_error::{line, located};
+use ::toml::de::{DeTable, DeValue};
 use ::toml::{Table, Value};
 use pipeline::design::coating::{Coating, Film, FilmIndex, Spectrum};
 
@@ -26,10 +27,22 @@ pub type ReadBeside<'a> = &'a dyn Fn(&str) -> Result<String, String>;
 /// Reads the coatings in `text`; `beside` reads the tables that it names.
 ///
 /// # Errors
-/// [`LensFileError::Coating`] with the entry and what is wrong with it.
+/// [`LensFileError::Coating`] with the line, the entry and what is wrong with it.
 pub fn parse(text: &str, beside: ReadBeside<'_>) -> Result<CoatingFile, LensFileError> {
     let table: Table = ::toml::from_str(text).map_err(|e| error(located(&e, text)))?;
-    read(&table, beside).map_err(error)
+    read(&table, text, beside).map_err(error)
+}
+
+/// `problem` with the line at which the last of the nested `keys` of `text` that there is stands.
+fn at_line(text: &str, keys: &[&str], problem: &str) -> String {
+    let Ok(root) = DeTable::parse(text) else { return problem.to_owned() };
+    let (mut table, mut found) = (Some(root.get_ref()), None);
+    for key in keys {
+        let Some((name, value)) = table.and_then(|table| table.get_key_value(*key)) else { break };
+        found = Some(line(text, &name.span()));
+        table = DeValue::as_table(value.get_ref());
+    }
+    found.map_or_else(|| problem.to_owned(), |line| format!("line {line}: {problem}"))
 }
 
 /// Names of the tables that the coatings in `text` read beside their file; none of a text that is not read.
@@ -40,33 +53,38 @@ pub fn tables_beside(text: &str) -> Vec<String> {
     named.map(str::to_owned).collect()
 }
 
-fn read(table: &Table, beside: ReadBeside<'_>) -> Result<CoatingFile, String> {
+fn read(table: &Table, text: &str, beside: ReadBeside<'_>) -> Result<CoatingFile, String> {
     let known = ["default", "surface", "coating", "material"];
     if let Some(key) = table.keys().find(|key| !known.contains(&key.as_str())) {
-        return Err(format!("`{key}` is not known; expected {}", known.join(", ")));
+        let problem = format!("`{key}` is not known; expected {}", known.join(", "));
+        return Err(at_line(text, &[key], &problem));
     }
     let part = |key: &str| match table.get(key) {
         None => Ok(Table::new()),
         Some(Value::Table(part)) => Ok(part.clone()),
-        Some(_) => Err(format!("`{key}` is not a table")),
+        Some(_) => Err(at_line(text, &[key], &format!("`{key}` is not a table"))),
     };
-    let mut file =
-        CoatingFile { default: table.get("default").map(word).transpose()?, ..CoatingFile::default() };
+    let default = table.get("default").map(word).transpose();
+    let default = default.map_err(|e| at_line(text, &["default"], &format!("default: {e}")))?;
+    let mut file = CoatingFile { default, ..CoatingFile::default() };
     for (number, name) in part("surface")? {
+        let wrong = |problem: &str| at_line(text, &["surface", &number], &format!("[surface] {problem}"));
         let surface =
-            number.parse().map_err(|_| format!("[surface] {number}: expected the number of a surface"))?;
+            number.parse().map_err(|_| wrong(&format!("{number}: expected the number of a surface")))?;
         if file.surfaces.iter().any(|(other, _)| *other == surface) {
-            return Err(format!("[surface] has two coatings of surface {surface}"));
+            return Err(wrong(&format!("has two coatings of surface {surface}")));
         }
-        file.surfaces.push((surface, word(&name).map_err(|e| format!("[surface] {number}: {e}"))?));
+        file.surfaces.push((surface, word(&name).map_err(|e| wrong(&format!("{number}: {e}")))?));
     }
     let materials = part("material")?;
     for (name, entry) in part("coating")? {
-        let coating =
-            coating(&name, &entry, &materials, beside).map_err(|e| format!("[coating.{name}] {e}"))?;
+        let key = entry.as_table().and_then(|entry| entry.keys().next()).map_or("", |key| key);
+        let wrong =
+            |problem: &str| at_line(text, &["coating", &name, key], &format!("[coating.{name}] {problem}"));
+        let coating = coating(&name, &entry, (&materials, text), beside).map_err(|e| wrong(&e))?;
         // Names are compared without regard to case, as those of the design program.
         if file.named.contains_key(&name.to_ascii_uppercase()) {
-            return Err(format!("[coating.{name}] another coating has this name in other letters"));
+            return Err(wrong("another coating has this name in other letters"));
         }
         file.add(&name, Ok(coating))?;
     }
@@ -108,7 +126,13 @@ fn rows(value: &Value, columns: usize) -> Result<Vec<Vec<f64>>, String> {
     }
 }
 
-fn coating(name: &str, entry: &Value, materials: &Table, beside: ReadBeside<'_>) -> Result<Coating, String> {
+/// A coating; of layers, whose materials are in a table of the text.
+fn coating(
+    name: &str,
+    entry: &Value,
+    materials: (&Table, &str),
+    beside: ReadBeside<'_>,
+) -> Result<Coating, String> {
     let entry = entry.as_table().filter(|t| t.len() == 1);
     let entry = entry.ok_or("expected one of reflectance, layers, table")?;
     if let Some(value) = entry.get("reflectance") {
@@ -135,7 +159,7 @@ fn coating(name: &str, entry: &Value, materials: &Table, beside: ReadBeside<'_>)
     Err(format!("`{}`: expected one of reflectance, layers, table", entry.keys().next().map_or("", |k| k)))
 }
 
-fn film(layer: &Value, materials: &Table) -> Result<Film, String> {
+fn film(layer: &Value, (materials, text): (&Table, &str)) -> Result<Film, String> {
     let Some([Value::String(name), thickness]) = layer.as_array().map(Vec::as_slice) else {
         return Err(format!("{layer:?}: expected [\"MATERIAL\", thickness in nm]"));
     };
@@ -143,13 +167,15 @@ fn film(layer: &Value, materials: &Table) -> Result<Film, String> {
     let material = entry.and_then(|m| m.get("n"));
     let material =
         material.ok_or_else(|| format!("material {name} has no entry [material.{name}] with n"))?;
+    let wrong = |key: &str, problem: &str| {
+        at_line(text, &["material", name, key], &format!("[material.{name}] {problem}"))
+    };
     if let Some(other) = entry.into_iter().flat_map(Table::keys).find(|key| *key != "n") {
-        return Err(format!(
-            "[material.{name}] `{other}` is not known: an absorbing material is n = [[wavelength in nm, n, k], …]"
-        ));
+        let expected = "an absorbing material is n = [[wavelength in nm, n, k], …]";
+        return Err(wrong(other, &format!("`{other}` is not known: {expected}")));
     }
     let entries: Vec<(f64, f64, f64)> = rows(material, 3)
-        .map_err(|e| format!("[material.{name}] {e}"))?
+        .map_err(|e| wrong("n", &e))?
         .iter()
         .map(|row| (row[0] / 1e3, row[1], row[2]))
         .collect();

@@ -100,11 +100,26 @@ impl System {
     /// Text of everything that determines traced tables, for digests. Absorption and names of coatings count in a lens with coatings only, and what a lens
     /// without them does not have is left out, so that its digests remain those of before there were coatings.
     pub fn identity(&self) -> String {
-        let has_coatings = self.surfaces.iter().any(|s| s.coating.is_some());
+        self.text(self.has_coatings())
+    }
+
+    /// Whether a surface has a coating.
+    pub fn has_coatings(&self) -> bool {
+        self.surfaces.iter().any(|s| s.coating.is_some())
+    }
+
+    /// [`identity`](Self::identity) of a lens with coatings without what they are: equal of lenses that differ in their coatings alone.
+    pub fn identity_without_coatings(&self) -> String {
+        let mut system = self.clone();
+        system.surfaces.iter_mut().for_each(|s| s.coating = None);
+        system.text(true)
+    }
+
+    fn text(&self, has_absorption: bool) -> String {
         let mut system = Self { name: String::new(), notes: Vec::new(), ..self.clone() };
         for s in &mut system.surfaces {
             s.coating_name = None;
-            if let (Medium::Glass(glass), false) = (&mut s.medium, has_coatings) {
+            if let (Medium::Glass(glass), false) = (&mut s.medium, has_absorption) {
                 glass.absorption = None;
             }
         }
@@ -148,6 +163,10 @@ mod tests {
         assert!(!text.contains("coating") && !text.contains("absorption"));
         let coated = lens.clone().with_coatings(&mgf2()).unwrap();
         assert_ne!(coated.identity(), text);
+        let bare = Coatings { default: Coating::Bare, surfaces: Vec::new() };
+        let bare = lens.clone().with_coatings(&bare).unwrap();
+        assert_ne!(coated.identity(), bare.identity());
+        assert_eq!(coated.identity_without_coatings(), bare.identity_without_coatings());
         assert!(coated.identity().contains("absorption: Some"));
         let mut named = lens;
         named.surfaces[0].coating_name = Some("AR".to_owned());
