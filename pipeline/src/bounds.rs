@@ -56,6 +56,8 @@ pub const FREQUENCY_LP_MM: Bound = bound("the spatial frequency", "lp/mm", 1e-6,
 pub const FILM_POINT_MM: Bound = bound("the position on the film", "mm", -1e5, 1e5);
 /// Azimuth of a field point, degrees.
 pub const AZIMUTH_DEG: Bound = bound("the azimuth", "deg", -360.0, 360.0);
+/// Tilt of a surface of a design, degrees.
+pub const TILT_DEG: Bound = bound("the tilt", "deg", -360.0, 360.0);
 /// Radius of an encircled energy, µm.
 pub const RADIUS_UM: Bound = bound("the radius", "µm", 0.0, 1e6);
 /// Ideal height over object height, of either sign.

@@ -14,6 +14,7 @@ use super::command::Command;
 use crate::design::draft::DraftSurface;
 use crate::design::error::LensFileError;
 use crate::design::straight_axis::Break;
+use pipeline::bounds::TILT_DEG;
 
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 enum Kind {
@@ -51,7 +52,10 @@ impl Decentre {
             "BEN" => self.kind = Kind::Bend,
             "REV" => self.kind = Kind::Reverse,
             "XDE" | "YDE" | "ZDE" => self.decentre[axis] = command.value(value)?,
-            _ => self.tilt_deg[axis] = command.value(value)?,
+            _ => {
+                let tilt_deg = TILT_DEG.check(command.value(value)?);
+                self.tilt_deg[axis] = tilt_deg.map_err(|e| command.error(e.to_string()))?;
+            }
         }
         Ok(())
     }

@@ -142,6 +142,12 @@ fn returned_reversed_and_bent_axes_are_straight() {
     }
     let error = with("  ADE S0 1").unwrap_err().to_string();
     assert!(error.contains("tilt or decentre of the object"), "{error}");
+    for (command, tilt) in [("ADE 1e30", "1e30"), ("BDE -361", "-361"), ("CDE S1 400", "400")] {
+        let error = with(&format!("  {command}")).unwrap_err().to_string();
+        let expected = format!("`{command}`: the tilt is {tilt} deg, expected -360 to 360 deg");
+        assert!(error.starts_with("line ") && error.contains(&expected), "{error}");
+    }
+    assert!(with("  ADE 360; CDE -360").is_ok());
 }
 
 #[test]

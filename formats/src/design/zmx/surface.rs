@@ -8,6 +8,7 @@ use crate::design::draft::DraftSurface;
 use crate::design::error::LensFileError;
 use crate::design::straight_axis::Break;
 use crate::design::text;
+use pipeline::bounds::TILT_DEG;
 use pipeline::design::glass::Glass;
 use pipeline::design::glass_library::GlassLibrary;
 use pipeline::design::model_glass::{constant_glass, model_glass};
@@ -187,7 +188,7 @@ impl Reader {
                     continue;
                 }
                 (Kind::CoordinateBreak, i @ 3..=5) => {
-                    tilts.tilt_deg[i - 3] = p.value;
+                    tilts.tilt_deg[i - 3] = TILT_DEG.check(p.value).map_err(|e| error(p, &e.to_string()))?;
                     continue;
                 }
                 (Kind::CoordinateBreak, 6) => {
@@ -236,6 +237,9 @@ impl Reader {
             *v = line.value_or(i + 4, 0.0)?;
         }
         let [x, y, ax, ay, az] = v;
+        for tilt_deg in [ax, ay, az] {
+            TILT_DEG.check(tilt_deg).map_err(|e| line.error(e.to_string()))?;
+        }
         let tilts_first = line.value_or(2, 0.0)? != 0.0;
         let decentre_mm = [x * scale, y * scale, 0.0];
         let found = (v != [0.0; 5]).then_some(Break { decentre_mm, tilt_deg: [ax, ay, az], tilts_first });

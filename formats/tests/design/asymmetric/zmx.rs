@@ -292,6 +292,8 @@ fn what_is_not_supported_is_an_error_of_one_line() {
         ("  TYPE BICONICX\n  PARM 3 1\n", "a parameter that this surface type does not have"),
         ("  TYPE COORDBRK\n  SCBD 1 0 0 0 0 5 0 0\n", "SCBD"),
         ("  TYPE STANDARD\n  SCBD 4 0 0 0 0 5 0 0\n", "coordinate return (3)"),
+        ("  TYPE STANDARD\n  SCBD 1 0 0 0 0 0 1e30 0\n", "the tilt is 1e30 deg, expected -360 to 360 deg"),
+        ("  TYPE COORDBRK\n  PARM 4 -400\n", "`PARM 4 -400`: the tilt is -400 deg, expected -360 to 360 deg"),
     ] {
         let error = singlet(lines).unwrap_err().to_string();
         assert!(error.contains(words) && !error.contains('\n'), "{lines}: {error}");
