@@ -20,6 +20,7 @@ pub(super) struct Text<'a>(#[serde(borrow)] pub(super) Cow<'a, str>);
 #[serde(default, rename_all = "camelCase")]
 pub(super) struct Root<'a> {
     pub(super) extensions_used: Vec<String>,
+    pub(super) extensions_required: Vec<String>,
     pub(super) scene: Option<u64>,
     pub(super) scenes: Vec<SceneNodes>,
     pub(super) nodes: Vec<Node>,
@@ -36,6 +37,13 @@ pub(super) struct Root<'a> {
     pub(super) cameras: Vec<Camera>,
     pub(super) animations: Vec<IgnoredAny>,
     pub(super) extensions: RootExtensions,
+}
+
+impl Root<'_> {
+    /// Whether the file lists the extension `name`, as required or as used.
+    pub(super) fn lists(&self, name: &str) -> bool {
+        [&self.extensions_used, &self.extensions_required].iter().any(|list| list.iter().any(|n| n == name))
+    }
 }
 
 /// Extensions of the whole.

@@ -59,37 +59,47 @@ struct Allowed {
     types: &'static [Component],
     /// Whether integers are normalised.
     is_normalised: bool,
+    /// Whether integers need [`QUANTIZATION`].
+    is_quantised: bool,
     expected: &'static str,
 }
+
+/// The extension with integers in positions and normals.
+const QUANTIZATION: &str = "KHR_mesh_quantization";
 
 const POSITION: Allowed = Allowed {
     components: &[3],
     types: &[Component::F32, Component::I8, Component::U8, Component::I16, Component::U16],
     is_normalised: false,
+    is_quantised: true,
     expected: "VEC3 of FLOAT, or of integers of 8 or 16 bits (KHR_mesh_quantization)",
 };
 const TEXCOORD: Allowed = Allowed {
     components: &[2],
     types: &[Component::F32, Component::I8, Component::U8, Component::I16, Component::U16],
     is_normalised: false,
+    is_quantised: false,
     expected: "VEC2 of FLOAT, or of integers of 8 or 16 bits",
 };
 const COLOUR: Allowed = Allowed {
     components: &[3, 4],
     types: &[Component::F32, Component::U8, Component::U16],
     is_normalised: true,
+    is_quantised: false,
     expected: "VEC3 or VEC4 of FLOAT, or of normalised unsigned integers of 8 or 16 bits",
 };
 const NORMAL: Allowed = Allowed {
     components: &[3],
     types: &[Component::F32, Component::I8, Component::I16],
     is_normalised: true,
+    is_quantised: true,
     expected: "VEC3 of FLOAT, or of normalised signed integers of 8 or 16 bits (KHR_mesh_quantization)",
 };
 const INDICES: Allowed = Allowed {
     components: &[1],
     types: &[Component::U8, Component::U16, Component::U32],
     is_normalised: false,
+    is_quantised: false,
     expected: "SCALAR of unsigned integers",
 };
 
@@ -322,7 +332,8 @@ impl<'d> Reader<'_, 'd, '_> {
         let is_allowed = allowed.components.contains(&accessor.components)
             && allowed.types.contains(&accessor.component)
             && (is_float || accessor.is_normalised || !allowed.is_normalised);
-        if is_allowed {
+        let is_missing = allowed.is_quantised && !is_float && !self.document.json.lists(QUANTIZATION);
+        if is_allowed && !is_missing {
             return Ok(());
         }
         let normalised = if accessor.is_normalised { "normalised " } else { "" };
@@ -332,7 +343,13 @@ impl<'d> Reader<'_, 'd, '_> {
             accessor.component.name(),
             accessor.number
         );
-        Err(self.invalid(property, allowed.expected, found))
+        if !is_allowed {
+            return Err(self.invalid(property, allowed.expected, found));
+        }
+        let expected = format!(
+            "FLOAT, or {QUANTIZATION} in extensionsUsed (list it there, or export the mesh without quantization)"
+        );
+        Err(self.invalid(property, &expected, found))
     }
 
     /// The selected elements of an accessor, all finite.

@@ -7,12 +7,13 @@ use super::file::{
 };
 use super::{error, positions, scene};
 
-/// A triangle with an attribute of three elements.
+/// A triangle with an attribute of three elements, in a file that may have quantised ones.
 fn with_attribute(name: &str, component: u64, kind: &str, is_normalised: bool, bytes: &[u8]) -> File {
     let mut file = File::triangle();
     let accessor = file.accessor(component, kind, 3, bytes);
     file.json["accessors"][accessor]["normalized"] = json!(is_normalised);
     file.primitive()["attributes"][name] = json!(accessor);
+    file.json["extensionsUsed"] = json!(["KHR_mesh_quantization"]);
     if name.starts_with("TEXCOORD") {
         let picture = super::file::png(1, 1, png::ColorType::Rgb, &[1, 2, 3]);
         let view = file.view(&picture);
@@ -91,6 +92,7 @@ fn colours_are_linear_with_alpha() {
 fn quantised_positions_and_normals() {
     let mut file =
         with_attribute("POSITION", SHORT, "VEC3", false, &u16_bytes(&[0, 0, 0xffff, 300, 0, 0, 0, 7, 0]));
+    file.json["extensionsUsed"] = json!([]);
     file.json["extensionsRequired"] = json!(["KHR_mesh_quantization"]);
     file.json["nodes"][0]["scale"] = json!([0.5, 0.5, 0.5]);
     let read = scene(&file);
@@ -107,6 +109,23 @@ fn quantised_positions_and_normals() {
     assert!(read.notes.contains(&"1 normal of length 0".into()), "{:?}", read.notes);
     let file = with_attribute("POSITION", UNSIGNED_INT, "VEC3", false, &u32_bytes(&[0; 9]));
     assert!(error(&file).ends_with("found 3 components of UNSIGNED_INT (accessors[1])"), "{}", error(&file));
+}
+
+#[test]
+fn integers_without_the_extension_of_quantisation_are_refused() {
+    for (name, component, type_name, is_normalised, bytes) in [
+        ("POSITION", SHORT, "SHORT", false, vec![0_u8; 18]),
+        ("POSITION", UNSIGNED_BYTE, "UNSIGNED_BYTE", false, vec![0; 9]),
+        ("NORMAL", BYTE, "BYTE", true, vec![0; 9]),
+    ] {
+        let mut file = with_attribute(name, component, "VEC3", is_normalised, &bytes);
+        scene(&file);
+        file.json["extensionsUsed"] = json!(["KHR_texture_transform"]);
+        let message = error(&file);
+        let place = format!(".attributes.{name}: expected FLOAT, or KHR_mesh_quantization in extensionsUsed");
+        let found = format!("{type_name} (accessors[1])");
+        assert!(message.contains(&place) && message.ends_with(&found), "{message}");
+    }
 }
 
 #[test]
