@@ -38,6 +38,14 @@ impl AsymmetricLens {
         matches!(self, Self::Drawn(drawn) if drawn.is_nominal())
     }
 
+    /// The lens, `name` on the command line, in messages.
+    pub fn named(&self, name: &str) -> String {
+        match self {
+            Self::Drawn(_) => format!("`{name}` with the drawn errors of --tolerances"),
+            Self::Design(_) => format!("`{name}`"),
+        }
+    }
+
     /// The lens without symmetry by design.
     pub fn design(&self) -> Option<&BuiltLens> {
         match self {

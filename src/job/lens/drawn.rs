@@ -11,7 +11,7 @@ use anyhow::{Context, Result};
 use formats::design::tolerance::{ToleranceFile, record};
 use pipeline::design::System;
 use pipeline::design::skew::system::BuiltLens;
-use pipeline::design::tolerance::{Compensated, Tolerances, compensate};
+use pipeline::design::tolerance::{Compensated, CriterionFields, Tolerances, compensate};
 use serde_json::Value;
 use std::path::{Path, PathBuf};
 
@@ -122,7 +122,14 @@ impl DrawnLens {
     pub fn compensated(&self, corner_mm: f64) -> Result<Compensated> {
         let ToleranceFile { compensation, criterion, .. } = &self.read.file;
         let adjusted = compensate(&self.lens, compensation, criterion, corner_mm);
-        adjusted.with_context(|| format!("lens {} of seed {}", self.draw.1, self.draw.0))
+        // Some of its places lie beside a film that is no square.
+        let judged = match criterion.fields {
+            CriterionFields::Film => {
+                format!(", judged up to the circle of the film's corner, {corner_mm:.4} mm from its centre")
+            }
+            CriterionFields::Places(_) => String::new(),
+        };
+        adjusted.with_context(|| format!("lens {} of seed {}{judged}", self.draw.1, self.draw.0))
     }
 
     /// Checks that the description still has the bytes that were read.

@@ -90,9 +90,12 @@ fn note_focus(job: &TracingJob<'_>, options: &TraceOptions) -> Result<()> {
 pub(super) fn trace(job: &TracingJob<'_>, wavelengths_nm: &[f64], threads: usize) -> Result<Traced> {
     let (system, name) = (job.system, job.name);
     let is_asymmetric_design = job.asymmetric.is_some_and(|lens| lens.design().is_some());
-    if job.asymmetric.is_some() && job.tracing.is_some_and(|tracing| tracing.reach_mm.is_some()) {
+    if let Some(lens) = job.asymmetric
+        && job.tracing.is_some_and(|tracing| tracing.reach_mm.is_some())
+    {
         return Err(usage(format!(
-            "--reach-mm: expected a lens with rotational symmetry; `{name}` has none and is traced over each film"
+            "--reach-mm: expected a lens with rotational symmetry; {} has none and is traced over each film",
+            lens.named(name)
         )));
     }
     if !is_asymmetric_design {

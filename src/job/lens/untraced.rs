@@ -204,8 +204,13 @@ impl UntracedLens {
     /// Usage: a pack with nodes for a flat chart.
     pub fn depth_nodes(&self, name: &str, has_depth: bool) -> Result<Option<(f64, f64)>> {
         if has_depth && !self.is_symmetric() {
+            let asymmetric = match self {
+                Self::Design(design) => design.asymmetric.as_ref(),
+                Self::Pack(_) => None,
+            };
+            let lens = asymmetric.map_or_else(|| format!("`{name}`"), |lens| lens.named(name));
             return Err(usage(format!(
-                "surfaces at distances: expected a lens with rotational symmetry, `{name}` has none (`--depth none` makes a film of a flat chart)"
+                "surfaces at distances: expected a lens with rotational symmetry, {lens} has none (`--depth none` makes a film of a flat chart)"
             )));
         }
         let Self::Pack(pack) = self else { return Ok(None) };

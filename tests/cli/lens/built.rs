@@ -71,6 +71,25 @@ fn a_drawn_lens_depends_on_seed_and_sample_and_is_resumed_only_by_itself() {
 }
 
 #[test]
+fn what_drawn_lenses_do_not_have_is_not_blamed_on_their_design() {
+    let job = DesignJob::new();
+    let file = tolerances(&job, "tol.toml", ERRORS);
+    for flags in [&["--depth", "2", "--focus-m", "2"][..], &["--reach-mm", "2"]] {
+        let ran = job.run("cache", "film", &[&["--tolerances", text(&file)], flags].concat());
+        assert_error_line(&ran, USAGE, &["my.zmx` with the drawn errors of --tolerances has none"]);
+    }
+}
+
+#[test]
+fn errors_of_judged_places_say_how_far_beyond_the_film_they_may_be() {
+    let job = DesignJob::new();
+    let entries = "[tolerances]\nlaw = \"two-point\"\n[[surface]]\nsurface = 2\ntilt_arcmin = 2000\n";
+    let file = tolerances(&job, "tol.toml", entries);
+    let judged = job.run("cache", "film", &["--lens", "double-gauss-28", "--tolerances", text(&file)]);
+    assert_error_line(&judged, 1, &["lens 0 of seed 1, judged up to the circle of the film's corner, 0.3"]);
+}
+
+#[test]
 fn a_pack_of_a_drawn_lens_makes_films_and_other_commands_refuse_it_in_one_line() {
     let job = DesignJob::new();
     let file = tolerances(&job, "tol.toml", ERRORS);
