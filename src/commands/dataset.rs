@@ -26,7 +26,7 @@ use bands::Bands;
 use camera::Camera;
 use formats::dataset::draw::Draws;
 use formats::dataset::recipe::Recipe;
-use formats::dataset::store::{DatasetError, DatasetStore};
+use formats::dataset::store::{DatasetError, DatasetSpec, DatasetStore};
 use formats::durable::{is_url, parent_of};
 use labels::Labels;
 use optics::Optics;
@@ -80,7 +80,7 @@ pub fn command(args: &DatasetArgs) -> Result<u8> {
     }
     let store = replacing_other_job(
         args.overwrite,
-        || DatasetStore::create(&args.out, spec.clone()).map_err(coded),
+        || DatasetStore::create(&args.out, spec.clone()).map_err(|e| of_another_recipe(e, &spec)),
         || DatasetStore::remove(&args.out).map_err(coded),
     )?;
     let missing = units::missing(&store, args.part)?;
@@ -154,6 +154,19 @@ fn check_apart(args: &DatasetArgs, recipe: &Recipe, folder: &Path, pictures: &[P
         }
     }
     Ok(())
+}
+
+/// An error of the data set that is not `requested`: what differs, if its record has that.
+fn of_another_recipe(error: DatasetError, requested: &DatasetSpec) -> anyhow::Error {
+    if let DatasetError::OtherRecipe { path, record } = &error
+        && let Some(difference) = layout::difference(record, &requested.record)
+    {
+        return other_job(format!(
+            "{} is a data set of {difference}; give another OUT, or --overwrite to replace it",
+            path.display()
+        ));
+    }
+    coded(error)
 }
 
 /// An error of the data set with its exit code.

@@ -2,6 +2,7 @@
 
 use crate::common::{
     CommandResult, Noise, Picture, assert_error_line, bits, files, lenscube, pixels, read_npy, run, text,
+    write_npy_of,
 };
 use crate::common::{identity_band, lens, scattered, write_pack};
 use formats::dataset::encode::{Codes, png};
@@ -282,6 +283,12 @@ fn what_cannot_be_is_refused_before_work() {
     refused("double-gauss-28-npz", "double-gaus", 2, &["double-gaus", "built-in lenses"]);
     refused("interpolate_psf = true", "shard = 512", 2, &["--shard does not apply"]);
     refused("interpolate_psf = true", "focus_m = 1", 2, &["lens.focus_m"]);
+    refused(
+        "interpolate_psf = true",
+        "foo = 1",
+        2,
+        &["'--foo' found; `lenscube run --help` lists the flags"],
+    );
     refused("[650, 550, 450]", "[650, 550]", 2, &["red, green and blue, found 2"]);
     refused("film = \"png\"", "picture = \"png\"", 2, &["[sensor]"]);
     refused(
@@ -298,10 +305,17 @@ fn what_cannot_be_is_refused_before_work() {
     folder.dataset("out", &[]).ok();
     let before = files(&folder.at("out"));
     folder.recipe("samples = 3\nseed = 2", "film = \"png\"");
-    assert_error_line(&folder.dataset("out", &[]), 3, &["another recipe", "--overwrite"]);
+    assert_error_line(
+        &folder.dataset("out", &[]),
+        3,
+        &["another recipe: seed (1 there, 2 in this recipe)", "--overwrite"],
+    );
     assert!(files(&folder.at("out")) == before);
     folder.dataset("out", &["--overwrite"]).ok();
     assert!(files(&folder.at("out")) != before);
+    let picture = fs::File::options().write(true).open(folder.at("in/p0.png")).unwrap();
+    picture.set_modified(std::time::SystemTime::UNIX_EPOCH).unwrap();
+    assert_error_line(&folder.dataset("out", &[]), 3, &["the same pictures with other modification times"]);
     let pictures = files(&folder.at("in"));
     assert_error_line(&folder.dataset("in", &["--overwrite"]), 2, &["one another"]);
     assert!(files(&folder.at("in")) == pictures);
@@ -331,7 +345,7 @@ fn a_lens_file_that_changes_makes_another_data_set() {
     folder.dataset("out", &[]).ok();
     fs::remove_dir_all(folder.at("my.lens.zarr")).unwrap();
     write(2);
-    assert_error_line(&folder.dataset("out", &[]), 3, &["another recipe"]);
+    assert_error_line(&folder.dataset("out", &[]), 3, &["other files of the lenses", "--overwrite"]);
 }
 
 #[test]
@@ -375,6 +389,16 @@ fn a_picture_among_cubes_is_reported_and_skipped() {
         "{}",
         result.stderr
     );
+}
+
+#[test]
+fn a_cube_without_wavelengths_is_told_how_it_gets_them() {
+    let folder = Folder::new(0);
+    let cube = folder.at("in/cube.npy");
+    write_npy_of(&cube, &[3, 40, 48], &vec![0.5; 3 * SIZE.pixels()]);
+    folder.recipe("samples = 1", "film = \"npy\"");
+    let command = format!("`lenscube export {} CHART.hdr`", text(&cube));
+    assert_error_line(&folder.dataset("out", &[]), 2, &["no --wavelengths", &command]);
 }
 
 #[test]

@@ -42,6 +42,8 @@ pub enum DatasetError {
     OtherRecipe {
         /// The data set.
         path: PathBuf,
+        /// Its recipe and program, for people.
+        record: Map<String, Value>,
     },
     /// Fewer samples than there are.
     #[error(
@@ -197,7 +199,7 @@ impl DatasetStore {
         let mut old_samples = spec.samples;
         match found {
             Some(record) if record["digest"] != spec.digest.as_str() => {
-                return Err(DatasetError::OtherRecipe { path: path.into() });
+                return Err(other_recipe(path, &record));
             }
             Some(record) => {
                 old_samples = record["samples"].as_u64().unwrap_or(0);
@@ -250,9 +252,7 @@ impl DatasetStore {
     /// [`DatasetError`].
     pub fn check(path: &Path, digest: &str) -> Result<(), DatasetError> {
         match recorded(path)? {
-            Some(record) if record["digest"] != digest => {
-                Err(DatasetError::OtherRecipe { path: path.into() })
-            }
+            Some(record) if record["digest"] != digest => Err(other_recipe(path, &record)),
             Some(_) => Ok(()),
             None => check_empty(path),
         }
@@ -396,6 +396,12 @@ impl DatasetStore {
             _ => Ok(()),
         }
     }
+}
+
+/// The data set at `path`, whose record is that of another recipe.
+fn other_recipe(path: &Path, record: &Value) -> DatasetError {
+    let record = record["record"].as_object().cloned().unwrap_or_default();
+    DatasetError::OtherRecipe { path: path.into(), record }
 }
 
 /// A handle on the folder of the data set at `path`.

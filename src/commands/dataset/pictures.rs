@@ -86,8 +86,8 @@ fn has_ending(path: &Path, endings: &[&str]) -> bool {
 pub enum Picture {
     /// In colour or grey.
     Image(ImageFile),
-    /// Of bands.
-    Cube(Box<Chart>),
+    /// Its name, and the chart of bands.
+    Cube(String, Box<Chart>),
 }
 
 impl Picture {
@@ -105,19 +105,19 @@ impl Picture {
             };
             // A TIFF or OpenEXR of bands; if it is neither, the error of the picture.
             return match (open::chart(name, None, NanPolicy::Error, 0), is_image) {
-                (Ok(chart), _) => Ok(Self::Cube(Box::new(chart))),
+                (Ok(chart), _) => Ok(Self::Cube(name.into(), Box::new(chart))),
                 (Err(_), Some(e)) => Err(e.into()),
                 (Err(e), None) => Err(e),
             };
         }
-        Ok(Self::Cube(Box::new(open::chart(name, None, NanPolicy::Error, 0)?)))
+        Ok(Self::Cube(name.into(), Box::new(open::chart(name, None, NanPolicy::Error, 0)?)))
     }
 
     /// Its size.
     pub fn size(&self) -> Size {
         match self {
             Self::Image(file) => file.size(),
-            Self::Cube(chart) => chart.size(),
+            Self::Cube(_, chart) => chart.size(),
         }
     }
 
@@ -128,10 +128,7 @@ impl Picture {
     pub fn wavelengths_nm(&self) -> Result<Option<Vec<f64>>> {
         match self {
             Self::Image(_) => Ok(None),
-            Self::Cube(chart) => match chart.wavelengths_nm() {
-                Ok(nm) => Ok(Some(nm)),
-                Err(e) => Err(open::without_chart_flags(&["--wavelengths"], "CUBE", e.into())),
-            },
+            Self::Cube(name, chart) => wavelengths_of(name, chart).map(Some),
         }
     }
 
@@ -149,8 +146,8 @@ impl Picture {
                 let linear = file.linear_part(Transfer::Srgb, part)?;
                 Ok(bands.of_colours(&linear, channels, part.size().pixels()))
             }
-            Self::Cube(chart) => {
-                let nm = chart.wavelengths_nm()?;
+            Self::Cube(name, chart) => {
+                let nm = wavelengths_of(&name, &chart)?;
                 let mut out = vec![0.0; bands.wavelengths_nm().len() * part.size().pixels()];
                 for (band, to) in
                     bands.wavelengths_nm().iter().zip(out.chunks_exact_mut(part.size().pixels()))
@@ -164,6 +161,11 @@ impl Picture {
             }
         }
     }
+}
+
+/// Wavelengths of the cube `name`, nm.
+fn wavelengths_of(name: &str, cube: &Chart) -> Result<Vec<f64>> {
+    cube.wavelengths_nm().map_err(|e| open::without_chart_flags(&["--wavelengths"], name, e.into()))
 }
 
 /// The pixels of a mask as whole numbers, and the largest that its format has.

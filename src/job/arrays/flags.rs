@@ -5,6 +5,7 @@ use crate::args::{Cli, Command, Device, RunArgs};
 use crate::failure::usage;
 use anyhow::Result;
 use clap::FromArgMatches;
+use clap::error::ErrorKind;
 use clap::parser::ValueSource;
 
 /// Flags that apply to arrays: of the lens, the film's geometry and the computation, none of stores.
@@ -89,10 +90,35 @@ impl ArrayFlags {
     }
 }
 
-/// The parser's message without its usage.
+/// The parser's message without its usage. Its tip on unknown flags, to pass them as values, does not apply.
 fn message(error: &clap::Error) -> String {
     let text = error.to_string();
     let lines = text.lines().take_while(|line| !line.starts_with("Usage:") && !line.starts_with("For more"));
-    let lines: Vec<&str> = lines.map(str::trim).filter(|line| !line.is_empty()).collect();
-    lines.join(" ").trim_start_matches("error: ").to_owned()
+    let lines = lines.map(str::trim).filter(|line| !line.is_empty());
+    let (mut tips, found): (Vec<&str>, Vec<&str>) = lines.partition(|line| line.starts_with("tip: "));
+    tips.retain(|tip| !tip.starts_with("tip: to pass "));
+    if error.kind() == ErrorKind::UnknownArgument && tips.is_empty() {
+        tips.push("`lenscube run --help` lists the flags");
+    }
+    let all = [found.join(" ")].into_iter().chain(tips.iter().map(|tip| tip.replacen("tip: ", "", 1)));
+    all.collect::<Vec<_>>().join("; ").trim_start_matches("error: ").to_owned()
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn unknown_flags_have_a_tip_that_applies() {
+        for (flag, expected) in [
+            ("--foo=1", "unexpected argument '--foo' found; `lenscube run --help` lists the flags"),
+            (
+                "--interpolate-pfs",
+                "unexpected argument '--interpolate-pfs' found; a similar argument exists: '--interpolate-psf'",
+            ),
+        ] {
+            let error = ArrayFlags::parse(&[flag.to_owned()]).err().unwrap();
+            assert_eq!(error.to_string(), expected);
+        }
+    }
 }
