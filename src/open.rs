@@ -83,6 +83,9 @@ pub fn without_chart_flags(flags: &[&str], spec: &str, error: anyhow::Error) -> 
 
 /// Opens `PATH`, `PATH//array`, a folder or pattern of pictures, or `gen:KIND?…`.
 pub fn chart_with(spec: &str, flags: &ChartFlags<'_>) -> Result<Chart> {
+    if spec.is_empty() {
+        return Err(usage("the name of the chart is empty; give its path, or gen:KIND?…"));
+    }
     let declared = declared_nm(flags.wavelengths)?;
     let with_var;
     let spec = match flags.var {

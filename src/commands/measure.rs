@@ -38,6 +38,8 @@ use std::path::Path;
 
 /// Start of the plateau, as a share of the half width.
 pub const PLATEAU: f64 = 0.75;
+/// What to give where the region around an edge or a point is not inside the image.
+const SMALLER_REGION: &str = "other positions or a smaller --half-px";
 /// Maximum frequency of MTF plots, twice the film's Nyquist frequency.
 const MAX_CY_PX: f64 = 1.0;
 /// Cache of decoded chunks.
@@ -211,7 +213,7 @@ pub fn edge(
 ) -> Result<Measurement> {
     let (guess, rect, length) = edge_region(a, b, half);
     quality::check_length(length)?;
-    let pixels = read(chart, band, rect, "the edge")?;
+    let pixels = read(chart, band, rect, "the edge", SMALLER_REGION)?;
     let line = fit(&pixels, rect, guess, half)
         .context("no edge found between these positions; give positions on the edge, farther apart")?;
     quality::check_place(guess, line, half)?;
@@ -268,7 +270,7 @@ fn points<'a>(
     let mut centroids = Vec::new();
     for &(row, col) in positions {
         let rect = bounding_rect([(row.round(), col.round()); 2], half);
-        let pixels = read(chart, band, rect, "a point")?;
+        let pixels = read(chart, band, rect, "a point", SMALLER_REGION)?;
         let found = centroid(&pixels, rect, (row, col), half);
         centroids.push(found.with_context(|| {
             format!("no point near {col},{row}: the values there do not exceed the background")
@@ -290,7 +292,7 @@ fn points<'a>(
 
 fn profile(chart: &Chart, band: usize, nm: f64, (a, b): (Position, Position)) -> Result<Measurement> {
     let rect = bounding_rect([a, b], 0);
-    let pixels = read(chart, band, rect, "the profile")?;
+    let pixels = read(chart, band, rect, "the profile", "other positions")?;
     let length = (b.0 - a.0).hypot(b.1 - a.1);
     let value = |(y, x): (f64, f64)| {
         let (y, x) = (y - rect.y as f64, x - rect.x as f64);

@@ -107,7 +107,7 @@ impl Guard {
     }
 
     /// Fails (exit code 2) if an output is, lies in or contains an input or another output, or is what a file would replace but not be: a device, a FIFO, a
-    /// socket; or if an input is one of these. Fails if an output cannot be created: exit code 1 in a directory that cannot be written; under a file 2, or 3 if the
+    /// socket; or if an input is one of these or its name is empty. Fails if an output cannot be created: exit code 1 in a directory that cannot be written; under a file 2, or 3 if the
     /// command needs a directory where that file is.
     pub fn check(&self) -> Result<()> {
         self.outputs.iter().try_for_each(check_output)?;
@@ -191,9 +191,12 @@ fn check_can_be_created(output: &Output) -> Result<()> {
         .with_context(|| format!("{argument} {shown} cannot be created; choose another path for {argument}"))
 }
 
-/// Fails for a device, FIFO or socket, whose parts cannot be read in any order, and which may block for ever.
+/// Fails for an empty name, and for a device, FIFO or socket, whose parts cannot be read in any order, and which may block for ever.
 fn check_input(input: &Input) -> Result<()> {
-    let Input { what, file, .. } = input;
+    let Input { what, given, file, .. } = input;
+    if given.is_empty() {
+        return Err(usage(format!("the name of the {what} is empty; give its path")));
+    }
     let Some(kind) = special(file) else { return Ok(()) };
     let shown = file.display();
     Err(usage(format!(

@@ -202,6 +202,10 @@ fn measure_reports_edges_points_and_profiles_of_a_chart() {
     let ran =
         lenscube(&["measure", "gen:uniform?size=50&value=3&wavelengths=550", "--profile", "1,2,40,30"]).ok();
     assert!(ran.stdout.contains("3.000000 to 3.000000"), "{}", ran.stdout);
+    let outside = ["measure", "gen:uniform?size=50&wavelengths=550", "--profile", "1,2,40,900"];
+    let ran = lenscube(&outside);
+    assert_exit(&ran, USAGE, &["is not inside the image", "; give other positions"]);
+    assert!(!ran.stderr.contains("--half-px"), "{}", ran.stderr);
 
     // As `| head -0`.
     let (reader, writer) = std::io::pipe().unwrap();

@@ -112,7 +112,7 @@ impl Plane<'_> {
         }
         match self {
             Self::Band(chart, band) => {
-                let values = read(chart, *band, rect, what)?;
+                let values = read(chart, *band, rect, what, "another place")?;
                 Ok(Pixels { rect, values, own: None, white: f32::INFINITY })
             }
             Self::Raw(frame, plane) => {
@@ -133,15 +133,15 @@ impl Plane<'_> {
     }
 }
 
-/// Pixels of a rectangle of a band, which must be inside the film.
+/// Pixels of a rectangle of a band, which must be inside the film; `way_out`: what to give else.
 ///
 /// # Errors
 /// Usage: `what` is outside. The film is not complete.
-pub fn read(chart: &Chart, band: usize, rect: Rect, what: &str) -> Result<Vec<f32>> {
+pub fn read(chart: &Chart, band: usize, rect: Rect, what: &str, way_out: &str) -> Result<Vec<f32>> {
     let size = chart.size();
     if !size.rect().contains(rect) {
         return Err(usage(format!(
-            "{what} needs {rect}, which is not inside the image of {size}; give other positions or a smaller --half-px"
+            "{what} needs {rect}, which is not inside the image of {size}; give {way_out}"
         )));
     }
     let mut pixels = vec![0f32; rect.size().pixels()];

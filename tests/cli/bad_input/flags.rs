@@ -29,6 +29,19 @@ fn invalid_flag_values_exit_2_and_unknown_flags_suggest_the_nearest() {
         assert_error_line(&run(chart, &job.film, text(&job.pack), &[]), USAGE, &words);
         assert!(!job.film.exists());
     }
+    // As of a variable of a script that is not set.
+    for (words, what) in [
+        (&["run", "", "f.zarr"][..], "chart"),
+        (&["run", "c.zarr", "f.zarr", "--lens", ""], "lens"),
+        (&["export", "", "p.png"], "film"),
+        (&["measure", "", "--points", "9,9"], "film"),
+    ] {
+        assert_error_line(
+            &lenscube(words),
+            USAGE,
+            &[&format!("the name of the {what} is empty; give its path")],
+        );
+    }
     assert_error_line(
         &lenscube(&["chart", "siemans", "c.zarr"]),
         USAGE,
