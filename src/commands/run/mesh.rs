@@ -41,9 +41,10 @@ pub fn run(args: &RunCommand, jsonl: Option<&Jsonl>) -> Result<u8> {
     let out = scene_path(&args.job.film);
     // What the film would be refused for.
     Arguments::resolve(&args.job, true, Some(DEPTH))?;
-    if !args.job.process.overwrite && Store::at(&link_target(&args.job.film))?.exists()? {
-        FilmStore::open(&args.job.film, true).map_err(|e| other_job(e.to_string()))?;
-    }
+    let film = match !args.job.process.overwrite && Store::at(&link_target(&args.job.film))?.exists()? {
+        true => Some(FilmStore::open(&args.job.film, true).map_err(|e| other_job(e.to_string()))?),
+        false => None,
+    };
     if let Some(nm) = &args.job.wavelengths {
         pipeline::wavelengths::parse(nm).map_err(|e| usage(format!("--wavelengths: {e}")))?;
     }
@@ -58,6 +59,9 @@ pub fn run(args: &RunCommand, jsonl: Option<&Jsonl>) -> Result<u8> {
             remove(&out);
         }
         return Ok(code);
+    }
+    if let Some(film) = film {
+        check_scene(&film, &of_scene)?;
     }
     match scene::command(&of_scene)? {
         0 => {}
@@ -86,6 +90,22 @@ fn complete_film(
     let Some(film) = request::complete_film(&args.job, asked)? else { return Ok(None) };
     let is_same = request::scene_digest(&film) == Some(&scene::job_digest(of_scene)?);
     Ok(is_same.then_some(film))
+}
+
+/// Fails if `film` was made of another scene, before that of `of_scene` is made.
+///
+/// # Errors
+/// Another scene (exit code 3); the mesh cannot be read.
+fn check_scene(film: &FilmStore, of_scene: &SceneArgs) -> Result<()> {
+    match request::scene_digest(film) {
+        Some(theirs) if *theirs != scene::job_digest(of_scene)? => Err(other_job(format!(
+            "{} exists and belongs to another job: its scene is another than this of {} (mesh, camera, light, lens, focus or film); choose another path, or start \
+             again with --overwrite",
+            film.path().display(),
+            of_scene.mesh.display()
+        ))),
+        _ => Ok(()),
+    }
 }
 
 /// Whether the scene of the job of that digest is at `path`.
