@@ -7,7 +7,7 @@ pub mod reported;
 
 use crate::args::RunArgs;
 use crate::failure::other_job;
-use crate::job::{Contents, DIGEST, GHOSTS, Job, MTIMES, UntracedJob, argument, contents};
+use crate::job::{Contents, DIGEST, GHOSTS, Job, MTIMES, SAMPLE, UntracedJob, argument, contents};
 use crate::progress::log_line;
 use anyhow::{Result, bail};
 use formats::durable::{Lock, Store, fault_point, link_target, parent_of, sweep_entries};
@@ -146,19 +146,25 @@ fn check_same_job(
         differing.retain(|(key, ..)| key != "tails");
     }
     differing.extend(layout_differences(store.spec(), film));
-    let trusted = |key: &&str| args.trust_input && is_trustable(key, &recorded);
+    retain_files(&mut differing, identity);
+    let is_trustable = trustable(&differing, &recorded);
+    let trusted = |key: &&str| args.trust_input && is_trustable(key);
     let keys: Vec<&str> = differing.iter().map(|d| d.0.as_str()).filter(|k| !trusted(k)).collect();
     if keys.is_empty() {
         return Ok(());
     }
     let remedy = match keys[..] {
         _ if args.process.overwrite => group::MADE_MEANWHILE,
-        _ if keys.iter().all(|k| is_trustable(k, &recorded)) && keys.contains(&DIGEST) => {
+        _ if keys.iter().all(|k| is_trustable(k)) && keys.contains(&DIGEST) => {
             "the film was created without --check-input, so the content of its chart is not recorded; if its pixels are the same, \
              continue with --trust-input, else start again with --overwrite"
         }
         [MTIMES] => {
             "files of the chart have the same names and sizes but new modification times; if their pixels are the same, continue \
+             with --trust-input, else start again with --overwrite"
+        }
+        [MTIMES, SAMPLE] | [SAMPLE, MTIMES] => {
+            "files of the chart have the same names and sizes but other bytes and new modification times; if they were repaired, continue \
              with --trust-input, else start again with --overwrite"
         }
         _ => "choose another path, or start again with --overwrite",
@@ -181,10 +187,19 @@ fn switches(identity: &Map<String, Value>) -> Map<String, Value> {
     stages
 }
 
-/// Whether `--trust-input` accepts that `key` differs: modification times, or a content that the film, created without `--check-input`, does
-/// not record.
-fn is_trustable(key: &str, recorded: &Map<String, Value>) -> bool {
-    key == MTIMES || (key == DIGEST && !recorded.contains_key(DIGEST))
+/// Leaves out the sample of the chart's bytes where all of them are requested.
+fn retain_files(differing: &mut Vec<Difference>, requested: &Map<String, Value>) {
+    if requested.contains_key(DIGEST) {
+        differing.retain(|(key, ..)| key != SAMPLE);
+    }
+}
+
+/// Whether `--trust-input` accepts that a key differs, of those of `differing`: modification times; with them a sample of the bytes, of files that were repaired; a
+/// content that the film, created without `--check-input`, does not record.
+fn trustable(differing: &[Difference], recorded: &Map<String, Value>) -> impl Fn(&str) -> bool + use<> {
+    let has_other_times = differing.iter().any(|(key, ..)| key == MTIMES);
+    let has_digest = recorded.contains_key(DIGEST);
+    move |key| key == MTIMES || (key == SAMPLE && has_other_times) || (key == DIGEST && !has_digest)
 }
 
 /// Differences between the planned identity and layout and those found; `None` if there are none.
@@ -197,8 +212,10 @@ pub fn differences_from_plan(
     if let (Some(planned), Some(found)) = (planned_layout.as_object(), found_layout.as_object()) {
         differing.extend(differences(planned, found));
     }
-    differing.retain(|d| !(args.trust_input && is_trustable(&d.0, planned)));
-    let hint = |key: &str| match is_trustable(key, planned) {
+    retain_files(&mut differing, found);
+    let is_trustable = trustable(&differing, planned);
+    differing.retain(|d| !(args.trust_input && is_trustable(&d.0)));
+    let hint = |key: &str| match is_trustable(key) {
         true => ": if its pixels are the same, --trust-input",
         false => "",
     };

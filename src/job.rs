@@ -48,7 +48,7 @@ pub use arguments::default_options;
 pub use bands::PlannedBands;
 pub use identity::{Contents, contents};
 pub use inputs::chosen_bands;
-pub use keys::{DIGEST, GHOSTS, MTIMES, argument};
+pub use keys::{DIGEST, GHOSTS, MTIMES, SAMPLE, argument};
 pub use numeric_version::numeric_version;
 pub use tails::{TAILS, tail_bins_px};
 
@@ -69,6 +69,7 @@ use depth_forecast::DepthForecast;
 use formats::chart::ArrayChart;
 use formats::film::FilmSpec;
 use inputs::{Inputs, Opened};
+use keys::FileState;
 use pipeline::band::{BandPlan, Options};
 use pipeline::cuda::memory::DeviceQueue;
 use pipeline::geometry::Frame;
@@ -254,15 +255,16 @@ impl<'a> UntracedJob<'a> {
         let text = |key: &str| recorded.get(key).and_then(Value::as_str).unwrap_or_default();
         let lens = (text("lens_name"), text("lens_digest"));
         let stages = self.arguments.options.stages;
+        let by_content = self.arguments.files == FileState::Digest;
         let mut map = identity::identity(
             self.args,
             stages,
             &self.inputs,
             (self.film.keep_bits, self.has_tails),
             lens,
-            false,
+            if by_content { FileState::Times } else { self.arguments.files },
         )?;
-        if self.arguments.check_input {
+        if by_content {
             map.remove(MTIMES);
             map.extend(recorded.get(DIGEST).map(|digest| (DIGEST.to_owned(), digest.clone())));
         }
@@ -315,7 +317,7 @@ impl<'a> UntracedJob<'a> {
             &inputs,
             (plan.film.keep_bits, has_tails),
             lens,
-            arguments.check_input,
+            arguments.files,
         )?;
         let reduced = match layers.is_empty() {
             true => ReducedCharts::none(),

@@ -1,6 +1,6 @@
 //! Step 2: arguments resolved: device, engine, options, threads.
 
-use super::keys::DIGEST;
+use super::keys::{DIGEST, FileState, MTIMES, SAMPLE};
 use super::own_layers::with_layers;
 use crate::args::RunArgs;
 use crate::failure::usage;
@@ -32,8 +32,8 @@ pub struct Arguments<'a> {
     pub codec: Codec,
     /// Worker threads.
     pub threads: usize,
-    /// Whether the chart is identified by the content of its files: `--check-input`, or as the film was created.
-    pub check_input: bool,
+    /// By what the files of the chart are identified: `--check-input`, or as the film was created.
+    pub files: FileState,
 }
 
 impl<'a> Arguments<'a> {
@@ -50,7 +50,12 @@ impl<'a> Arguments<'a> {
         let stages = with_layers(Stages::of(&given.stages), given);
         let film = film_engine::existing(&given.film, given.process.overwrite)?;
         let film_engine = film.as_ref().and_then(film_engine::recorded);
-        let check_input = given.check_input || film.as_ref().is_some_and(has_content_digest);
+        let files = match &film {
+            _ if given.check_input => FileState::Digest,
+            Some(film) if has_key(film, DIGEST) => FileState::Digest,
+            Some(film) if has_key(film, MTIMES) && !has_key(film, SAMPLE) => FileState::Times,
+            _ => FileState::TimesAndSample,
+        };
         let not_on_gpus = described(stages).find(|stage| !stage.on_gpus);
         let on_cpu = match not_on_gpus {
             Some(stage) => Some(format!("the stage {}", stage.name)),
@@ -60,13 +65,13 @@ impl<'a> Arguments<'a> {
         let device = DeviceSelection::new(device, given.engine.explicit(), film_engine)?;
         let codec = given.codec.or(film.map(|film| film.spec().codec)).unwrap_or_default();
         let options = options(given, stages, device.simd);
-        Ok(Self { given, on_cpu, device, options, codec, threads: threads(given.threads), check_input })
+        Ok(Self { given, on_cpu, device, options, codec, threads: threads(given.threads), files })
     }
 }
 
-/// Whether a film was created with `--check-input`.
-fn has_content_digest(film: &FilmStore) -> bool {
-    film.provenance().get("job").is_some_and(|job| job.get(DIGEST).is_some())
+/// Whether the identity of a film's job has `key`.
+fn has_key(film: &FilmStore, key: &str) -> bool {
+    film.provenance().get("job").is_some_and(|job| job.get(key).is_some())
 }
 
 fn options(given: &RunArgs, stages: Stages, simd: Simd) -> Options {

@@ -235,6 +235,14 @@ impl Depth {
         self.charts().map(|chart| Ok(chart.content_digest()?)).collect()
     }
 
+    /// Digests of samples of the bytes of its files.
+    ///
+    /// # Errors
+    /// As [`Chart::content_sample`].
+    pub fn content_samples(&self) -> Result<Value> {
+        self.charts().map(|chart| Ok(chart.content_sample()?)).collect()
+    }
+
     /// What determines pixels, and the modification times of the files.
     ///
     /// # Errors

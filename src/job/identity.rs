@@ -3,7 +3,7 @@
 use super::depth::Depth;
 use super::film::chart_units;
 use super::inputs::Inputs;
-use super::keys::{DIGEST, MTIMES};
+use super::keys::{DIGEST, FileState, MTIMES, SAMPLE};
 use super::numeric_version::numeric_version;
 use super::own_layers;
 use super::tails::TAIL_LAYER_VERSION;
@@ -17,7 +17,7 @@ use pipeline::stages::DESCRIPTIONS;
 use serde_json::{Map, Value, json};
 use std::path::Path;
 
-/// The identity of a job with the lens `lens_name` of digest `lens_digest`; with the content of the input files if `check_input`.
+/// The identity of a job with the lens `lens_name` of digest `lens_digest`.
 ///
 /// # Errors
 /// The chart's chunks cannot be listed; its files cannot be read.
@@ -27,10 +27,10 @@ pub fn identity(
     inputs: &Inputs,
     (keep_bits, has_tails): (Option<u32>, bool),
     (lens_name, lens_digest): (&str, &str),
-    check_input: bool,
+    state: FileState,
 ) -> Result<Map<String, Value>> {
     let Contents { content, files: (key, files), surfaces } =
-        contents(&inputs.chart, inputs.depth.as_ref(), check_input)?;
+        contents(&inputs.chart, inputs.depth.as_ref(), state == FileState::Digest)?;
     let frame = &inputs.frame;
     let mut map = object! {
         "numeric_version": numeric_version(surfaces.is_some()),
@@ -57,6 +57,14 @@ pub fn identity(
     };
     if let Some(surfaces) = surfaces {
         map.insert("depth".into(), surfaces);
+    }
+    if state == FileState::TimesAndSample {
+        let of_depth = inputs.depth.as_ref().map(Depth::content_samples).transpose()?;
+        let samples = match (inputs.chart.content_sample()?, of_depth) {
+            (of_chart, None) => of_chart,
+            (of_chart, Some(of_depth)) => json!([of_chart, of_depth]),
+        };
+        map.extend((!samples.is_null()).then(|| (SAMPLE.to_owned(), samples)));
     }
     // Absent without tails: the identity is then that of programs without them.
     if has_tails {

@@ -1,19 +1,32 @@
-//! Keys of a job's identity, and what the command line calls them.
+//! Keys of a job's identity, and what the command line calls them; what of the input files it has.
 
 /// Key of the modification times of the input files.
 pub const MTIMES: &str = "chart_mtimes";
 /// Key of the digests of the input files' bytes, of a job with `--check-input`; it has no modification times.
 pub const DIGEST: &str = "chart_digest";
+/// Key of the digest of a sample of the input files' bytes, of a job with modification times.
+pub const SAMPLE: &str = "chart_sample";
 
 /// Key of the ghosts, whose parts are an object.
 pub const GHOSTS: &str = "ghosts";
+
+/// What of the input files is in an identity.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum FileState {
+    /// Modification times: films of versions without samples.
+    Times,
+    /// Modification times, and a digest of a sample of the bytes.
+    TimesAndSample,
+    /// A digest of all bytes: `--check-input`.
+    Digest,
+}
 
 /// A key of the identity or layout in the words of the command line.
 pub fn argument(key: &str) -> String {
     match key {
         "chart" => "chart".into(),
         MTIMES => "modification times of the chart".into(),
-        DIGEST => "content of the chart".into(),
+        DIGEST | SAMPLE => "content of the chart".into(),
         "chart_bands" => "--bands".into(),
         "lens_name" | "lens_digest" => format!("--lens ({})", key.trim_start_matches("lens_")),
         // A film of a version without tails has none.

@@ -85,7 +85,10 @@ fn changed_bytes_of_every_kind_of_chart_are_another_job() {
         for given in [&["--check-input"][..], &[], &["--trust-input"]] {
             assert_error_line(&place.run("film.zarr", given), OTHER_JOB, &["content of the chart (film "]);
         }
-        assert_exit(&place.run("by-time.zarr", &[]), 0, &["is complete"]);
+        // Files so small are in its sample as a whole.
+        for given in [&[][..], &["--trust-input"]] {
+            assert_error_line(&place.run("by-time.zarr", given), OTHER_JOB, &["content of the chart (film "]);
+        }
         // The same bytes at another time.
         change(&data);
         fs::File::options().write(true).open(&data).unwrap().set_modified(std::time::UNIX_EPOCH).unwrap();
@@ -95,6 +98,35 @@ fn changed_bytes_of_every_kind_of_chart_are_another_job() {
             OTHER_JOB,
             &["modification times", "--trust-input"],
         );
+    }
+}
+
+#[test]
+fn another_chart_of_the_same_size_and_time_is_another_job() {
+    let place = Place::new(
+        "pictures/y-x-wavelength.npy",
+        "",
+        &["--axes", "y,x,wavelength", "--wavelengths", "400,410,420.5"],
+    );
+    let (first, link) = (place.data(), place.at("link.npy"));
+    let other = place.at("other.npy");
+    fs::copy(&first, &other).unwrap();
+    change(&other);
+    let time = fs::metadata(&first).unwrap().modified().unwrap();
+    fs::File::options().write(true).open(&other).unwrap().set_modified(time).unwrap();
+    std::os::unix::fs::symlink(&first, &link).unwrap();
+    let run = |chart: &Path| {
+        let all = [&["--film-pitch-um", "2", "--film-size", "35x33"], &place.flags[..]].concat();
+        run(text(chart), &place.at("film.zarr"), text(&place.at("pack.lens.zarr")), &all)
+    };
+    run(&link).ok();
+    fs::copy(&first, place.at("moved.npy")).unwrap();
+    fs::File::options().write(true).open(place.at("moved.npy")).unwrap().set_modified(time).unwrap();
+    assert_exit(&run(&place.at("moved.npy")), 0, &["is complete"]);
+    fs::remove_file(&link).unwrap();
+    std::os::unix::fs::symlink(&other, &link).unwrap();
+    for chart in [&link, &other] {
+        assert_error_line(&run(chart), OTHER_JOB, &["content of the chart (film "]);
     }
 }
 

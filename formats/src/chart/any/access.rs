@@ -348,6 +348,20 @@ impl Chart {
         })
     }
 
+    /// Digest of a sample of the bytes of its files; null without local files.
+    ///
+    /// # Errors
+    /// [`ChartError`] if a file cannot be read.
+    pub fn content_sample(&self) -> Result<Value, ChartError> {
+        Ok(match self {
+            Self::Store(s) if !is_url(s.path()) => json!(s.content_sample()?),
+            Self::Scene(s) if !is_url(s.path()) => json!(s.weights().content_sample()?),
+            Self::Raster(r) => json!(r.content_sample()?),
+            Self::Decoded(p) => json!(p.content_sample()?),
+            Self::Store(_) | Self::Scene(_) | Self::Generated(_) | Self::Array(_) => Value::Null,
+        })
+    }
+
     /// Identity for the job's digest: its content (names and sizes of files, parameters), and the modification times of its files.
     pub fn identity(&self) -> Result<(Value, Value), ChartError> {
         Ok(match self {
