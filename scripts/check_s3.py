@@ -98,7 +98,7 @@ def files(root):
 
 def job_of(metadata):
     """The group's metadata without the identity and place of the copy of the chart."""
-    of_copy = ("chart_mtimes", "job_digest", "source", "attributes_digest")
+    of_copy = ("chart_mtimes", "chart_sample", "job_digest", "source", "attributes_digest")
     return json.loads(metadata, object_hook=lambda fields: {k: v for k, v in fields.items() if k not in of_copy})
 
 

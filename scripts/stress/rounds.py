@@ -260,7 +260,7 @@ class Round:
         found = provenance(self.film)
         if found is None:
             return None
-        changing = {"chart", "chart_mtimes", "lens_digest"}
+        changing = {"chart", "chart_mtimes", "chart_sample", "lens_digest"}
         for name, job in self.script.jobs.items():
             charts = self.states[f"chart-{job.chart}"]
             for lens in self.lens_states(name):

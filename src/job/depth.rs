@@ -235,11 +235,11 @@ impl Depth {
         self.charts().map(|chart| Ok(chart.content_digest()?)).collect()
     }
 
-    /// Digests of samples of the bytes of its files.
+    /// Digests of samples of the bytes of its files, chart by chart.
     ///
     /// # Errors
     /// As [`Chart::content_sample`].
-    pub fn content_samples(&self) -> Result<Value> {
+    pub fn content_samples(&self) -> Result<Vec<Value>> {
         self.charts().map(|chart| Ok(chart.content_sample()?)).collect()
     }
 

@@ -29,6 +29,11 @@ pub fn identity(
     (lens_name, lens_digest): (&str, &str),
     state: FileState,
 ) -> Result<Map<String, Value>> {
+    // Before the times: the files that were read are those that were opened.
+    let sample = match state {
+        FileState::TimesAndSample => sample(inputs)?,
+        FileState::Times | FileState::Digest => None,
+    };
     let Contents { content, files: (key, files), surfaces } =
         contents(&inputs.chart, inputs.depth.as_ref(), state == FileState::Digest)?;
     let frame = &inputs.frame;
@@ -58,13 +63,8 @@ pub fn identity(
     if let Some(surfaces) = surfaces {
         map.insert("depth".into(), surfaces);
     }
-    if state == FileState::TimesAndSample {
-        let of_depth = inputs.depth.as_ref().map(Depth::content_samples).transpose()?;
-        let samples = match (inputs.chart.content_sample()?, of_depth) {
-            (of_chart, None) => of_chart,
-            (of_chart, Some(of_depth)) => json!([of_chart, of_depth]),
-        };
-        map.extend((!samples.is_null()).then(|| (SAMPLE.to_owned(), samples)));
+    if let Some(sample) = sample {
+        map.insert(SAMPLE.into(), sample);
     }
     // Absent without tails: the identity is then that of programs without them.
     if has_tails {
@@ -80,6 +80,16 @@ pub fn identity(
         map.insert("keep_bits".into(), bits.into());
     }
     Ok(map)
+}
+
+/// Digests of samples of the bytes of the input files; none of what is drawn, and of objects at URLs.
+fn sample(inputs: &Inputs) -> Result<Option<Value>> {
+    let mut samples = vec![inputs.chart.content_sample()?];
+    if let Some(depth) = &inputs.depth {
+        samples.extend(depth.content_samples()?);
+    }
+    let has_any = samples.iter().any(|sample| !sample.is_null());
+    Ok(has_any.then(|| if let [only] = &samples[..] { only.clone() } else { json!(samples) }))
 }
 
 /// Each stage by its name: true where it is applied.
