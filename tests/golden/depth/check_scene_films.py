@@ -145,7 +145,8 @@ def black_ball():
         expected = film("ball-drawn", plain_group("ball-drawn", [nm], 8, [(0 * full, z, share), (white(nm) * full, 2 * full[0], full[0])]))
         table.below("  film of the mesh against that of the drawn ball", abs(found - expected).max(), 1e-3)
         none = film("ball-none", view.scene("ball-none", mesh, "--solids", "none", *flags), "--wavelengths", nm)
-        table.below("  0.1 over the largest difference of the film with --solids none", 0.1 / abs(none - expected).max(), 1)
+        # Six times the limit above: 0.05 since surfaces that are both out of focus are computed with the part of the pupil that sees past the rim.
+        table.below("  0.03 over the largest difference of the film with --solids none", 0.03 / abs(none - expected).max(), 1)
 
 
 def planes_and_balls():
