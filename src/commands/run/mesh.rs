@@ -17,7 +17,6 @@ use anyhow::Result;
 use formats::durable::{Store, link_target};
 use formats::film::FilmStore;
 use formats::scene::SceneStore;
-use serde_json::Value;
 use std::path::{Path, PathBuf};
 
 /// Whether the chart of `args` is a mesh.
@@ -42,7 +41,9 @@ pub fn run(args: &RunCommand, jsonl: Option<&Jsonl>) -> Result<u8> {
     // What the film would be refused for.
     Arguments::resolve(&args.job, true, Some(DEPTH))?;
     let film = match !args.job.process.overwrite && Store::at(&link_target(&args.job.film))?.exists()? {
-        true => Some(FilmStore::open(&args.job.film, true).map_err(|e| other_job(e.to_string()))?),
+        true => {
+            Some(FilmStore::open(&args.job.film, !args.job.no_fsync).map_err(|e| other_job(e.to_string()))?)
+        }
         false => None,
     };
     if let Some(nm) = &args.job.wavelengths {
@@ -53,15 +54,17 @@ pub fn run(args: &RunCommand, jsonl: Option<&Jsonl>) -> Result<u8> {
     }
     let of_scene = scene_args(args, &out)?;
     let asked = request::request(&args.job);
-    if let Some(film) = complete_film(args, &of_scene, asked.as_ref())? {
-        let code = already_complete(&args.job, &film, jsonl, args.work.progress)?;
-        if code == 0 && is_of_job(&out, request::scene_digest(&film)) {
-            remove(&out);
-        }
-        return Ok(code);
-    }
     if let Some(film) = film {
-        check_scene(&film, &of_scene)?;
+        let is_of_scene = is_of_scene(&film, &of_scene)?;
+        if let (true, Some(asked), false) = (is_of_scene, &asked, args.mesh.keep_scene)
+            && request::is_complete(&film, asked)?
+        {
+            let code = already_complete(&args.job, &film, jsonl, args.work.progress)?;
+            if code == 0 && is_of_job(&out, request::scene_digest(&film)) {
+                remove(&out);
+            }
+            return Ok(code);
+        }
     }
     match scene::command(&of_scene)? {
         0 => {}
@@ -80,31 +83,20 @@ pub fn run(args: &RunCommand, jsonl: Option<&Jsonl>) -> Result<u8> {
     Ok(code)
 }
 
-/// The film of `args`, if it is complete, of the same request and of the same scene; not if the scene is to be kept.
-fn complete_film(
-    args: &RunCommand,
-    of_scene: &SceneArgs,
-    asked: Option<&Value>,
-) -> Result<Option<FilmStore>> {
-    let (Some(asked), false) = (asked, args.mesh.keep_scene) else { return Ok(None) };
-    let Some(film) = request::complete_film(&args.job, asked)? else { return Ok(None) };
-    let is_same = request::scene_digest(&film) == Some(&scene::job_digest(of_scene)?);
-    Ok(is_same.then_some(film))
-}
-
-/// Fails if `film` was made of another scene, before that of `of_scene` is made.
+/// Whether `film` records that it is of the scene of `of_scene`, which is not made for that.
 ///
 /// # Errors
-/// Another scene (exit code 3); the mesh cannot be read.
-fn check_scene(film: &FilmStore, of_scene: &SceneArgs) -> Result<()> {
+/// It is of another scene (exit code 3); the mesh cannot be read.
+fn is_of_scene(film: &FilmStore, of_scene: &SceneArgs) -> Result<bool> {
     match request::scene_digest(film) {
-        Some(theirs) if *theirs != scene::job_digest(of_scene)? => Err(other_job(format!(
+        None => Ok(false),
+        Some(theirs) if *theirs == scene::job_digest(of_scene)? => Ok(true),
+        Some(_) => Err(other_job(format!(
             "{} exists and belongs to another job: its scene is another than this of {} (mesh, camera, light, lens, focus or film); choose another path, or start \
              again with --overwrite",
             film.path().display(),
             of_scene.mesh.display()
         ))),
-        _ => Ok(()),
     }
 }
 

@@ -9,7 +9,7 @@ use crate::film::digest;
 use crate::job::numeric_version;
 use crate::outputs::Guard;
 use anyhow::Result;
-use formats::durable::{Store, is_url, link_target};
+use formats::durable::is_url;
 use formats::film::FilmStore;
 use serde_json::{Value, json};
 use std::fs;
@@ -58,23 +58,18 @@ fn state(path: &Path) -> Option<Value> {
     names.iter().map(|name| state(name)).collect()
 }
 
-/// The film of `args`, if it is complete and was made with the request `asked`.
+/// Whether `film` is complete and was made with the request `asked`.
 ///
 /// # Errors
 /// The film cannot be read.
-pub fn complete_film(args: &RunArgs, asked: &Value) -> Result<Option<FilmStore>> {
-    if args.process.overwrite || !Store::at(&link_target(&args.film))?.exists()? {
-        return Ok(None);
-    }
-    let Ok(store) = FilmStore::open(&args.film, !args.no_fsync) else { return Ok(None) };
-    let recorded = store.provenance().get("source").and_then(|source| source.get(MESH)?.get("request"));
+pub fn is_complete(film: &FilmStore, asked: &Value) -> Result<bool> {
+    let recorded = film.provenance().get("source").and_then(|source| source.get(MESH)?.get("request"));
     if recorded.is_none() || recorded != asked.get("request") {
-        return Ok(None);
+        return Ok(false);
     }
-    let shards: Vec<_> = store.all_shards().collect();
-    let bands: Vec<usize> = (0..store.spec().wavelengths_nm.len()).collect();
-    let is_complete = store.shards_bytes(&shards)?.iter().all(Option::is_some) && store.has_layers(&bands)?;
-    Ok(is_complete.then_some(store))
+    let shards: Vec<_> = film.all_shards().collect();
+    let bands: Vec<usize> = (0..film.spec().wavelengths_nm.len()).collect();
+    Ok(film.shards_bytes(&shards)?.iter().all(Option::is_some) && film.has_layers(&bands)?)
 }
 
 /// Digest of the job of the scene that `film` was made of.
