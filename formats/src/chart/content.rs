@@ -3,7 +3,7 @@
 
 use std::fs::File;
 use std::os::unix::fs::FileExt;
-use std::path::{Path, PathBuf};
+use std::path::PathBuf;
 
 use super::decoded_chart::DecodedChart;
 use super::error::ChartError;
@@ -18,100 +18,64 @@ const SAMPLE_FILES: usize = 16;
 const SAMPLE_PARTS: u64 = 4;
 const SAMPLE_BYTES: u64 = 4096;
 
+/// Name, in the array of a store, and path of a file with pixels.
+pub(super) type DataFile = (String, PathBuf);
+
 impl ChartStore {
-    /// BLAKE3 of the files with pixels of the array, all of which are read: of their names and bytes. 64 hexadecimal digits.
+    /// The files with pixels of the array, sorted.
     ///
     /// # Errors
-    /// [`ChartError`] if a file cannot be read, changes meanwhile, or is not local.
-    pub fn content_digest(&self) -> Result<String, ChartError> {
-        let files = self.named_files()?;
-        digest(files.iter().map(|(name, path)| (&**name, path)))
-    }
-
-    /// BLAKE3 of a sample of those bytes, of a local array.
-    ///
-    /// # Errors
-    /// [`ChartError`] if a file cannot be read.
-    pub fn content_sample(&self) -> Result<String, ChartError> {
-        let files = self.named_files()?;
-        sample(&files.iter().map(|(_, path)| &**path).collect::<Vec<_>>())
-    }
-
-    /// Name and path of the files with pixels, sorted.
-    fn named_files(&self) -> Result<Vec<(String, PathBuf)>, ChartError> {
+    /// [`ChartError`] if they cannot be listed, or are not local.
+    pub(super) fn data_files(&self) -> Result<Vec<DataFile>, ChartError> {
         let mut files = self.chunk_files()?;
         files.sort();
         let array = self.array_path();
-        Ok(files
-            .into_iter()
-            .map(|file| {
-                let path = array.join(&file.key);
-                (file.key, path)
-            })
-            .collect())
+        Ok(files.iter().map(|file| (file.key.clone(), array.join(&file.key))).collect())
     }
 }
 
 impl RasterChart {
-    /// BLAKE3 of its data file, 64 hexadecimal digits. [`RasterChart::identity`] checks that the file is still the one that is mapped.
-    ///
-    /// # Errors
-    /// [`ChartError`] if the file cannot be read, or changes meanwhile.
-    pub fn content_digest(&self) -> Result<String, ChartError> {
-        digest(data_paths(&self.files).map(|path| ("", path)))
-    }
-
-    /// BLAKE3 of a sample of it.
-    ///
-    /// # Errors
-    /// [`ChartError`] if the file cannot be read.
-    pub fn content_sample(&self) -> Result<String, ChartError> {
-        sample(&data_paths(&self.files).collect::<Vec<_>>())
+    /// Its data file. [`RasterChart::identity`] checks that the file is still the one that is mapped.
+    pub(super) fn data_files(&self) -> Vec<DataFile> {
+        data_files(&self.files)
     }
 }
 
 impl DecodedChart {
-    /// BLAKE3 of its files, in the order of the bands, 64 hexadecimal digits. [`DecodedChart::identity`] checks that they are still those
-    /// that were opened.
-    ///
-    /// # Errors
-    /// As [`RasterChart::content_digest`].
-    pub fn content_digest(&self) -> Result<String, ChartError> {
-        digest(data_paths(self.files()).map(|path| ("", path)))
-    }
-
-    /// BLAKE3 of a sample of them.
-    ///
-    /// # Errors
-    /// As [`RasterChart::content_sample`].
-    pub fn content_sample(&self) -> Result<String, ChartError> {
-        sample(&data_paths(self.files()).collect::<Vec<_>>())
+    /// Its files, in the order of the bands. [`DecodedChart::identity`] checks that they are still those that were opened.
+    pub(super) fn data_files(&self) -> Vec<DataFile> {
+        data_files(self.files())
     }
 }
 
-fn data_paths(files: &[WatchedFile]) -> impl Iterator<Item = &Path> {
-    files.iter().filter_map(WatchedFile::data_path)
+fn data_files(files: &[WatchedFile]) -> Vec<DataFile> {
+    files.iter().filter_map(WatchedFile::data_path).map(|path| (String::new(), path.into())).collect()
 }
 
-/// Digest of `files`, (name, path) of each.
-fn digest<'a>(files: impl Iterator<Item = (&'a str, impl AsRef<Path>)>) -> Result<String, ChartError> {
+/// BLAKE3 of `files`, all of which are read: of their names and bytes. 64 hexadecimal digits.
+///
+/// # Errors
+/// [`ChartError`] if a file cannot be read, or changes meanwhile.
+pub(super) fn digest(files: &[DataFile]) -> Result<String, ChartError> {
     let mut digest = blake3::Hasher::new();
     digest.update(b"lenscube/chart-digest/1\n");
     for (name, path) in files {
-        let path = path.as_ref();
         let file = HashedFile::open(path).map_err(|e| DurableError::io("read", path, 0, e))?;
         digest.update(format!("{name}\t{}\n", file.digest()).as_bytes());
     }
     Ok(digest.finalize().to_hex().to_string())
 }
 
-/// Digest of parts of some of the files `paths`.
-fn sample(paths: &[&Path]) -> Result<String, ChartError> {
+/// BLAKE3 of parts of some of `files`. 64 hexadecimal digits.
+///
+/// # Errors
+/// [`ChartError`] if a file cannot be read.
+pub(super) fn sample(files: &[DataFile]) -> Result<String, ChartError> {
     let mut digest = blake3::Hasher::new();
     digest.update(b"lenscube/chart-sample/1\n");
-    let chosen = SAMPLE_FILES.min(paths.len());
+    let chosen = SAMPLE_FILES.min(files.len());
     for k in 0..chosen {
-        let path = paths[k * (paths.len() - 1) / (chosen - 1).max(1)];
+        let (_, path) = &files[k * (files.len() - 1) / (chosen - 1).max(1)];
         let failed = |e| DurableError::io("read", path, 0, e);
         let file = File::open(path).map_err(failed)?;
         let length = file.metadata().map_err(failed)?.len();

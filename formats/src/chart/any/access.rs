@@ -9,6 +9,7 @@ use pipeline::projection::Projection;
 use serde_json::{Value, json};
 
 use super::Chart;
+use crate::chart::content::{self, DataFile};
 use crate::chart::error::ChartError;
 use crate::chart::header::FileArray;
 use crate::chart::memory::ChunkMemory;
@@ -333,19 +334,12 @@ impl Chart {
     /// # Errors
     /// Usage: it is at a URL. A file cannot be read, or changes meanwhile.
     pub fn content_digest(&self) -> Result<Value, ChartError> {
-        Ok(match self {
-            Self::Store(s) => {
-                check_has_files(s.path())?;
-                json!(s.content_digest()?)
-            }
-            Self::Raster(r) => json!(r.content_digest()?),
-            Self::Decoded(p) => json!(p.content_digest()?),
-            Self::Scene(s) => {
-                check_has_files(s.path())?;
-                json!(s.weights().content_digest()?)
-            }
-            Self::Generated(_) | Self::Array(_) => Value::Null,
-        })
+        match self {
+            Self::Store(s) => check_has_files(s.path())?,
+            Self::Scene(s) => check_has_files(s.path())?,
+            Self::Raster(_) | Self::Decoded(_) | Self::Generated(_) | Self::Array(_) => {}
+        }
+        Ok(json!(self.data_files()?.as_deref().map(content::digest).transpose()?))
     }
 
     /// Digest of a sample of the bytes of its files; null without local files.
@@ -353,12 +347,17 @@ impl Chart {
     /// # Errors
     /// [`ChartError`] if a file cannot be read.
     pub fn content_sample(&self) -> Result<Value, ChartError> {
+        Ok(json!(self.data_files()?.as_deref().map(content::sample).transpose()?))
+    }
+
+    /// Its local files with pixels, if it has any.
+    fn data_files(&self) -> Result<Option<Vec<DataFile>>, ChartError> {
         Ok(match self {
-            Self::Store(s) if !is_url(s.path()) => json!(s.content_sample()?),
-            Self::Scene(s) if !is_url(s.path()) => json!(s.weights().content_sample()?),
-            Self::Raster(r) => json!(r.content_sample()?),
-            Self::Decoded(p) => json!(p.content_sample()?),
-            Self::Store(_) | Self::Scene(_) | Self::Generated(_) | Self::Array(_) => Value::Null,
+            Self::Store(s) if !is_url(s.path()) => Some(s.data_files()?),
+            Self::Scene(s) if !is_url(s.path()) => Some(s.weights().data_files()?),
+            Self::Raster(r) => Some(r.data_files()),
+            Self::Decoded(p) => Some(p.data_files()),
+            Self::Store(_) | Self::Scene(_) | Self::Generated(_) | Self::Array(_) => None,
         })
     }
 
