@@ -272,7 +272,8 @@ impl PupilFunction {
         let across = match is_whole {
             true => range(2),
             false => {
-                let most = extent(2, f64::max, 0.0);
+                // Of the upper half of the pupil, whose rays run towards −y behind it.
+                let most = extent(2, |a, v| a.max(v.abs()), 0.0);
                 (-most, most)
             }
         };

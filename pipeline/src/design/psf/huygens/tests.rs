@@ -69,3 +69,21 @@ fn shift_by_whole_samples_moves_the_psf_towards_x() {
         }
     }
 }
+
+#[test]
+fn the_extent_holds_all_directions_along_and_across_the_meridian() {
+    let system = System::double_gauss_28();
+    let tracer = Tracer::new(&system, 0.55).unwrap();
+    for tan in [0.0, 0.15, 0.249] {
+        let f = PupilFunction::trace(&tracer, tan).unwrap();
+        let half = f.extent.map(|(least, most)| 0.5 * (most - least));
+        let wavelets = f.wavelets(50.0, 0.0, true);
+        let most = wavelets.iter().fold([0.0_f64; 2], |[l, m], w| [l.max(w.l.abs()), m.max(w.m.abs())]);
+        for (half, most) in half.into_iter().zip(most) {
+            // The tables' points lie inside the rim.
+            assert!(most > 0.9 * half && most < 1.03 * half, "tan {tan}: {most}, extent ± {half}");
+        }
+        // Vignetting limits the pupil along the meridian more than across.
+        assert!(tan < 0.2 || half[1] > 1.02 * half[0], "{half:?}");
+    }
+}
