@@ -46,7 +46,7 @@ mod window_light;
 
 pub use arguments::default_options;
 pub use bands::PlannedBands;
-pub use identity::{Contents, contents};
+pub use identity::{Contents, KERNELS_VERSION, contents};
 pub use inputs::chosen_bands;
 pub use keys::{DIGEST, GHOSTS, MTIMES, SAMPLE, argument};
 pub use numeric_version::numeric_version;
@@ -68,6 +68,7 @@ use coverage::Coverage;
 use depth_forecast::DepthForecast;
 use formats::chart::ArrayChart;
 use formats::film::FilmSpec;
+use identity::Effects;
 use inputs::{Inputs, Opened};
 use keys::FileState;
 use pipeline::band::{BandPlan, Options};
@@ -256,11 +257,16 @@ impl<'a> UntracedJob<'a> {
         let lens = (text("lens_name"), text("lens_digest"));
         let stages = self.arguments.options.stages;
         let by_content = self.arguments.files == FileState::Digest;
+        let effects = Effects {
+            keep_bits: self.film.keep_bits,
+            has_tails: self.has_tails,
+            is_coarse: recorded.contains_key(KERNELS_VERSION.0),
+        };
         let mut map = identity::identity(
             self.args,
             stages,
             &self.inputs,
-            (self.film.keep_bits, self.has_tails),
+            effects,
             lens,
             if by_content { FileState::Times } else { self.arguments.files },
         )?;
@@ -311,11 +317,13 @@ impl<'a> UntracedJob<'a> {
             Some(planned) => planned.lens_digest(&plan.lens, &plan.bands),
         };
         let lens = (plan.lens.lens().name.as_str(), &*lens_digest.context("reading the lens pack")?);
+        let is_coarse =
+            planned.map_or_else(|| plan.bands.iter().any(BandPlan::is_coarse), |planned| planned.is_coarse);
         let identity = identity::identity(
             args,
             arguments.options.stages,
             &inputs,
-            (plan.film.keep_bits, has_tails),
+            Effects { keep_bits: plan.film.keep_bits, has_tails, is_coarse },
             lens,
             arguments.files,
         )?;

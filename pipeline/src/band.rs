@@ -13,6 +13,7 @@ pub use crate::options::{Options, PsfBetween};
 use crate::options::{PsfNodes, PsfTables};
 use crate::psf::BandPsf;
 use crate::psf::blocks::Blocks;
+use crate::psf::coarse::KernelSamples;
 use crate::psf::grid::NodeGrid;
 use crate::psf::kernel::NodeKernels;
 use crate::psf::kernel::on_demand::{KernelsOnDemand, PsfReader, PsfSource};
@@ -21,6 +22,7 @@ use crate::remap::Remap;
 use crate::stage::Stage;
 use crate::tails::TailPlan;
 use crate::tiling::Tiling;
+use std::ops::Range;
 use std::sync::Arc;
 
 /// Wavelengths closer than this are the same, nm.
@@ -108,6 +110,8 @@ pub struct BandPlan {
     pub grid: Option<NodeGrid>,
     /// Its FFT blocks, if the PSF stage is enabled.
     pub blocks: Option<Blocks>,
+    /// The samples that its kernels are made from: of wide PSFs coarser than those of its tables.
+    pub samples: KernelSamples,
     /// Its tiles.
     pub tiling: Tiling,
     /// The lens's depth node whose PSFs it uses, for a flat chart and a lens with depth nodes.
@@ -152,9 +156,15 @@ impl BandPlan {
             let (nodes, of_nodes) = options.partition(frame, &psfs)?;
             (grid, blocks) = (Some(nodes), Some(of_nodes));
         }
+        let psfs = (tables.psf_count(), tables.psf_size, tables.psf_pitch_um);
+        let samples = match tables.is_symmetric() {
+            true => KernelSamples::of(psfs, frame.pitch_um, lens.psf_sample),
+            false => KernelSamples::all(psfs.1, psfs.2, frame.pitch_um),
+        };
         let tiling = Tiling::new(frame.film, blocks.as_ref());
         check_covers(frame, &tables, &tiling, options)?;
-        Ok(Self { lens_bands, lens: tables, grid, blocks, tiling, node: None, depth: None, tail: None })
+        let (node, depth, tail) = (None, None, None);
+        Ok(Self { lens_bands, lens: tables, grid, blocks, samples, tiling, node, depth, tail })
     }
 
     /// Puts the tails of its PSFs on the film, if the lens has them and the film has the PSF stage: kernels then keep their share of the light, and the rest is
@@ -217,6 +227,7 @@ impl BandPlan {
         let lens = tables.clone();
         Ok(Self {
             lens_bands,
+            samples: KernelSamples::all(lens.psf_size, lens.psf_pitch_um, frame.pitch_um),
             lens,
             grid: None,
             blocks: None,
@@ -229,8 +240,19 @@ impl BandPlan {
 
     /// Bytes of its PSFs, ready for kernels.
     pub fn kernels_bytes(&self) -> usize {
-        let (psfs, side) = (self.lens.psf_count(), self.lens.psf_size);
-        self.blocks.map_or(0, |blocks| memory::kernels_bytes(&blocks, psfs, side))
+        let psfs = self.lens.psf_count();
+        self.blocks.map_or(0, |blocks| memory::kernels_bytes(&blocks, psfs, self.samples.size))
+    }
+
+    /// Whether its kernels are made from coarser samples than those of its tables.
+    pub fn is_coarse(&self) -> bool {
+        self.samples.size != self.lens.psf_size
+    }
+
+    /// Bytes of the samples of its PSFs, and of those that `readers` threads read at a time to reduce them.
+    pub fn samples_bytes(&self, readers: usize) -> usize {
+        let read = if self.is_coarse() { readers * self.lens.psf_size.pow(2) } else { 0 };
+        4 * (self.lens.psf_count() * self.samples.size.pow(2) + read)
     }
 
     /// Whether its PSFs are read when a kernel needs them, those of a height at a time: those of a lens without rotational symmetry, if they are large.
@@ -288,8 +310,34 @@ impl BandPlan {
         (heights_px.partition_point(|height| *height < farthest_px) + 1).min(heights_px.len())
     }
 
+    /// The first `psfs` PSFs, as [`BandPlan::stages`] needs them: `read` reads consecutive ones, `readers` at a time if they are reduced, by as many threads.
+    ///
+    /// # Errors
+    /// Errors of `read`.
+    pub fn read_psfs<E>(
+        &self,
+        psfs: usize,
+        readers: usize,
+        mut read: impl FnMut(Range<usize>) -> Result<PsfStack, E>,
+    ) -> Result<PsfStack, E> {
+        if !self.is_coarse() {
+            return read(0..psfs);
+        }
+        let mut all: Option<PsfStack> = None;
+        for first in (0..psfs).step_by(readers) {
+            let fine = read(first..psfs.min(first + readers))?;
+            let part = self.samples.reduction(fine.size, fine.pitch_um).reduced(&fine, readers);
+            match &mut all {
+                Some(all) => all.samples.extend_from_slice(&part.samples),
+                None => all = Some(part),
+            }
+        }
+        Ok(all.expect("a band has a PSF"))
+    }
+
     /// The stages of this band, the `position`-th of the job. `stack` reads the PSFs of a lens band, at least those of the first
-    /// [`BandPlan::psf_sets`], only if the PSF stage is enabled; `gain` multiplies the remapped image (film units).
+    /// [`BandPlan::psf_sets`], at its [samples](BandPlan::samples) ([`BandPlan::read_psfs`]), only if the PSF stage is enabled; `gain` multiplies the
+    /// remapped image (film units).
     ///
     /// # Errors
     /// Errors of `stack`.

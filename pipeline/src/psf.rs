@@ -21,6 +21,7 @@
 
 mod block_view;
 pub mod blocks;
+pub mod coarse;
 pub mod cuda;
 mod engine;
 pub(crate) mod gather;

@@ -10,6 +10,20 @@ pub use libm::{
     sincos as sin_cos, tan,
 };
 
+/// The modified Bessel function I₀ of x ≥ 0 below about 20, by its power series.
+pub fn bessel_i0(x: f64) -> f64 {
+    let (mut term, mut sum) = (1.0, 1.0);
+    for k in 1..40 {
+        term *= (x / (2.0 * f64::from(k))).powi(2);
+        sum += term;
+        // All further terms are smaller.
+        if term < 1e-17 * sum && f64::from(k) > x {
+            break;
+        }
+    }
+    sum
+}
+
 #[cfg(test)]
 mod tests {
     /// rustfft's own instruction detection is not compiled in.

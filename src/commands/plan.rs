@@ -16,7 +16,7 @@ use crate::args::{
 use crate::failure::usage;
 use crate::film;
 use crate::job::film_engine;
-use crate::job::{Job, PlannedBands, UntracedJob, cost, tail_bins_px};
+use crate::job::{Job, KERNELS_VERSION, PlannedBands, UntracedJob, cost, tail_bins_px};
 use crate::open::is_builtin;
 use crate::progress::{log_line, plural, print};
 use anyhow::Result;
@@ -210,6 +210,7 @@ impl Plan {
     pub fn planned_bands<'a>(&'a self, bands: &'a [usize]) -> PlannedBands<'a> {
         let lens_digest = self.job.get("lens_digest").and_then(Value::as_str).unwrap_or_default();
         let (lens_bands, tail_bins_px) = (&self.lens_bands, &self.tail_bins_px);
-        PlannedBands { bands, lens_bands, tail_bins_px, lens_digest }
+        let is_coarse = self.job.contains_key(KERNELS_VERSION.0);
+        PlannedBands { bands, lens_bands, tail_bins_px, lens_digest, is_coarse }
     }
 }

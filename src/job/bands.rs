@@ -84,6 +84,8 @@ pub struct PlannedBands<'a> {
     pub tail_bins_px: &'a [usize],
     /// Digest of the complete lens.
     pub lens_digest: &'a str,
+    /// Whether the kernels of a band of the film are made from coarse samples.
+    pub is_coarse: bool,
 }
 
 impl PlannedBands<'_> {

@@ -17,6 +17,20 @@ use pipeline::stages::DESCRIPTIONS;
 use serde_json::{Map, Value, json};
 use std::path::Path;
 
+/// Version of the kernels that are made from coarse samples ([`pipeline::psf::coarse`]).
+pub const KERNELS_VERSION: (&str, u32) = ("kernels_version", 1);
+
+/// What is in an identity only where a film has it.
+#[derive(Clone, Copy, Debug)]
+pub struct Effects {
+    /// Bits that its values keep.
+    pub keep_bits: Option<u32>,
+    /// Whether it has the tails of PSFs.
+    pub has_tails: bool,
+    /// Whether the kernels of a band are made from coarse samples.
+    pub is_coarse: bool,
+}
+
 /// The identity of a job with the lens `lens_name` of digest `lens_digest`.
 ///
 /// # Errors
@@ -25,7 +39,7 @@ pub fn identity(
     args: &RunArgs,
     stages: Stages,
     inputs: &Inputs,
-    (keep_bits, has_tails): (Option<u32>, bool),
+    Effects { keep_bits, has_tails, is_coarse }: Effects,
     (lens_name, lens_digest): (&str, &str),
     state: FileState,
 ) -> Result<Map<String, Value>> {
@@ -70,6 +84,9 @@ pub fn identity(
     if has_tails {
         map.insert("tails".into(), true.into());
         map.insert(TAIL_LAYER_VERSION.0.into(), TAIL_LAYER_VERSION.1.into());
+    }
+    if is_coarse {
+        map.insert(KERNELS_VERSION.0.into(), KERNELS_VERSION.1.into());
     }
     map.extend(own_layers::identity(args, inputs));
     if let Some(bands) = args.tracing.integrated_bands() {

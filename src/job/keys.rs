@@ -38,6 +38,7 @@ pub fn argument(key: &str) -> String {
         "ghosts.rings" => "--ghost-rings".into(),
         "ghosts.sensor_reflectance" => "--sensor-reflectance".into(),
         "tails_version" => "version of the tails of PSFs".into(),
+        "kernels_version" => "version of the kernels of wide PSFs".into(),
         "veil_version" => "version of glare and scatter".into(),
         "ghosts.version" => "version of the ghosts".into(),
         "numeric_version" => "numeric version of the program".into(),

@@ -30,7 +30,7 @@ use drawn::DrawnLens;
 pub use estimate::estimated;
 use formats::durable::fault_point;
 use formats::lens::{LensPack, LensPackError};
-use pipeline::band::{LensBands, Options};
+use pipeline::band::{BandPlan, LensBands, Options};
 use pipeline::geometry::Frame;
 use pipeline::lens::PsfSample;
 use pipeline::lens::{Lens, LensBand, PsfStack};
@@ -44,6 +44,15 @@ pub use tracing::without_tracing_flags;
 use tracing_job::TracingJob;
 pub use tracing_job::{EstimatedLens, TracedFor};
 pub use untraced::{UntracedDesign, UntracedLens};
+
+/// Most threads that read PSFs to be reduced, and the most memory that they may need.
+const MAX_READERS: usize = 4;
+const MAX_READING_BYTES: usize = 192 << 20;
+
+/// Threads that read PSFs to be reduced, of `threads`: each computes one in `reading_bytes` of its own.
+pub fn psf_readers(threads: usize, reading_bytes: usize) -> usize {
+    threads.min(MAX_READERS).min(MAX_READING_BYTES / reading_bytes.max(1)).max(1)
+}
 
 /// The name of a lens for people: a design need not have one.
 pub fn shown_name(name: &str) -> &str {
@@ -159,16 +168,33 @@ impl JobLens {
         }
     }
 
-    /// As [`JobLens::psf`], at least those of the first `sets` sets: of a traced band no others.
+    /// PSFs of band `band` as the stages of `plan` need them, at least those of the first `sets` sets: of a traced band no others. Reduced PSFs are read in parts, by
+    /// [`psf_readers`] of `threads` threads.
     ///
     /// # Errors
-    /// As there.
-    pub fn first_psfs(&self, band: usize, sets: usize) -> Result<PsfStack, LensPackError> {
-        let Self::Traced(traced) = self else { return self.psf(band) };
-        let pack = &traced.packs[band];
-        let LensBand { psf_size: size, psf_pitch_um: pitch_um, .. } = traced.lens.bands[band];
-        let samples = pack.psfs_of_sets(0, 0, 0..sets, 1)?;
-        Ok(PsfStack { size, pitch_um, sample: traced.lens.psf_sample, samples })
+    /// As [`JobLens::psf`].
+    pub fn planned_psfs(
+        &self,
+        plan: &BandPlan,
+        band: usize,
+        sets: usize,
+        threads: usize,
+    ) -> Result<PsfStack, LensPackError> {
+        let (pack, index) = self.pack_of(band);
+        let LensBand { psf_size: size, psf_pitch_um: pitch_um, .. } = self.lens().bands[band];
+        let of_sets = |sets, threads| {
+            let samples = pack.psfs_of_sets(index, plan.node.unwrap_or(0), sets, threads)?;
+            Ok(PsfStack { size, pitch_um, sample: self.lens().psf_sample, samples })
+        };
+        if plan.is_coarse() {
+            let readers = psf_readers(threads, self.psf_reading_bytes(band));
+            return plan.read_psfs(sets, readers, |sets| of_sets(sets, readers));
+        }
+        match (self, plan.node) {
+            (_, Some(node)) => self.psf_of_node(band, node),
+            (Self::Pack(pack), None) => pack.psf(band),
+            (Self::Traced(_), None) => of_sets(0..sets, 1),
+        }
     }
 
     /// PSFs of depth node `node` of band `band` of [`JobLens::lens`].

@@ -11,6 +11,7 @@ pub mod least;
 mod spectra;
 
 use crate::args::BinArg;
+use crate::job::lens::psf_readers;
 use crate::job::stretch::RemapStretch;
 use crate::job::veil::VEIL;
 use crate::machine::MemoryLimit;
@@ -249,8 +250,9 @@ impl MemoryInputs<'_> {
                 return 2 * p.largest_set_bytes() + self.threads * (self.psf_reading)(p);
             }
             let stacks = if p.lens_bands.second.is_some() { 3 } else { 1 };
-            let samples = p.lens.psf_count() * p.lens.psf_size.pow(2);
-            if p.grid.is_some() { 4 * stacks * samples + (self.psf_reading)(p) } else { 0 }
+            let reading = (self.psf_reading)(p);
+            let readers = if p.is_coarse() { psf_readers(self.threads, reading) } else { 1 };
+            if p.grid.is_some() { stacks * p.samples_bytes(readers) + readers * reading } else { 0 }
         };
         // While the last of some consecutive bands is read.
         let kernels = (1..=self.bands.len()).map(|end| {

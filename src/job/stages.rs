@@ -12,8 +12,8 @@ use pipeline::clock::at_once;
 use pipeline::depth::seen::SeenChart;
 use pipeline::flow::{ChartSource, SourceSinkError};
 use pipeline::layer::Layer;
-use pipeline::lens::PsfStack;
 use pipeline::psf::BandPsf;
+use pipeline::psf::grid::NodeGrid;
 use pipeline::psf::kernel::on_demand::PsfSource;
 use pipeline::tails::TailKernels;
 use std::sync::atomic::AtomicBool;
@@ -36,7 +36,7 @@ pub enum StageError {
 /// The PSFs cannot be read.
 pub fn stages(job: &Job, position: usize) -> Result<BandStages, StageError> {
     let sets = job.plans[position].psf_sets(&job.frame);
-    of_psfs(job, position, position, |band| Ok(job.lens.first_psfs(band, sets)?))
+    of_sets(job, position, position, sets)
 }
 
 /// As [`stages`], also for films at other places; the band is called `id` in the cache of spectra.
@@ -44,16 +44,12 @@ pub fn stages(job: &Job, position: usize) -> Result<BandStages, StageError> {
 /// # Errors
 /// As there.
 pub fn with_id(job: &Job, position: usize, id: usize) -> Result<BandStages, StageError> {
-    of_psfs(job, position, id, |band| Ok(job.lens.psf(band)?))
+    let sets = job.plans[position].grid.as_ref().map_or(0, NodeGrid::psf_sets);
+    of_sets(job, position, id, sets)
 }
 
-/// The stages with PSFs that `psfs` reads of a band of the lens, unless they are those of depth nodes or read when they are needed.
-fn of_psfs(
-    job: &Job,
-    position: usize,
-    id: usize,
-    psfs: impl Fn(usize) -> Result<PsfStack, StageError>,
-) -> Result<BandStages, StageError> {
+/// The stages with the PSFs of the first `sets` sets, unless they are those of depth nodes or read when they are needed.
+fn of_sets(job: &Job, position: usize, id: usize, sets: usize) -> Result<BandStages, StageError> {
     let plan = &job.plans[position];
     let gain = job.gains[position] * remaining(&job.layers, job.film_bands[position]);
     if plan.depth.is_some() {
@@ -65,10 +61,7 @@ fn of_psfs(
         let (sample, source) = (job.lens.lens().psf_sample, PsfSource::new(reader, job.threads));
         return Ok(plan.stages_on_demand(id, &job.frame, sample, &job.options, gain, &source));
     }
-    let read_psfs = |band: usize| match plan.node {
-        Some(node) => Ok(job.lens.psf_of_node(band, node)?),
-        None => psfs(band),
-    };
+    let read_psfs = |band: usize| Ok(job.lens.planned_psfs(plan, band, sets, job.threads)?);
     plan.stages(id, &job.frame, &job.options, gain, read_psfs)
 }
 

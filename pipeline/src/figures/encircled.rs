@@ -130,18 +130,9 @@ fn interpolation(u: f64) -> Vec<f64> {
         let x = u - k as f64;
         let sinc = if x == 0.0 { 1.0 } else { real::sin(PI * x) / (PI * x) };
         let inside = 1.0 - (x / (TAPS as f64 + 0.5)).powi(2);
-        sinc * bessel_i0(6.0 * inside.max(0.0).sqrt())
+        sinc * real::bessel_i0(6.0 * inside.max(0.0).sqrt())
     };
     let all: Vec<f64> = (-TAPS..=TAPS).map(weight).collect();
     let sum: f64 = all.iter().sum();
     all.into_iter().map(|w| w / sum).collect()
-}
-
-fn bessel_i0(x: f64) -> f64 {
-    let (mut term, mut sum) = (1.0, 1.0);
-    for k in 1..40 {
-        term *= (x / (2.0 * f64::from(k))).powi(2);
-        sum += term;
-    }
-    sum
 }

@@ -64,13 +64,13 @@ pub static DESCRIPTIONS: [Description; 4] = [
         reach_px: |plan| plan.depth.as_ref().map_or(plan.tiling.margin(), |depth| depth.reach),
         scratch_bytes: |plan| {
             let between =
-                plan.grid.as_ref().map_or(0, |grid| memory::interpolation_bytes(grid, plan.lens.psf_size));
-            between + plan.blocks.map_or(0, |blocks| memory::scratch_bytes(&blocks, plan.lens.psf_size))
+                plan.grid.as_ref().map_or(0, |grid| memory::interpolation_bytes(grid, plan.samples.size));
+            between + plan.blocks.map_or(0, |blocks| memory::scratch_bytes(&blocks, plan.samples.size))
         },
         table_bytes: |plan| if plan.reads_on_demand() { 0 } else { plan.kernels_bytes() },
         cost: |plan| {
             let Some((blocks, grid)) = plan.blocks.zip(plan.grid.as_ref()) else { return Cost::default() };
-            let samples = plan.lens.psf_count() * plan.lens.psf_size.pow(2);
+            let samples = plan.lens.psf_count() * plan.samples.size.pow(2);
             Cost { pixel_ns: blocks.cost_ns(grid), band_s: samples as f64 * KERNEL_S }
         },
     },

@@ -89,7 +89,10 @@ fn stages(bench: &Bench<'_>, frame: &Frame, svpsf: bool, interp: Interp) -> Resu
         None,
     )?;
     let plan = BandPlan::new(frame, lens.lens(), LENS_NM, &options)?;
-    plan.stages(0, frame, &options, 1.0, |band| anyhow::Ok(lens.psf(band)?))
+    let sets = plan.psf_sets(frame);
+    plan.stages(0, frame, &options, 1.0, |band| {
+        anyhow::Ok(lens.planned_psfs(&plan, band, sets, bench.threads)?)
+    })
 }
 
 /// Remap and PSF stage of the lens's band.

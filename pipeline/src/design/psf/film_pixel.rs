@@ -89,20 +89,7 @@ fn interpolant(u: f64) -> f64 {
         return 0.0;
     }
     let sinc = if u == 0.0 { 1.0 } else { real::sin(PI * u) / (PI * u) };
-    sinc * bessel_i0(SHAPE * (1.0 - x * x).sqrt()) / bessel_i0(SHAPE)
-}
-
-fn bessel_i0(x: f64) -> f64 {
-    let (mut term, mut sum) = (1.0, 1.0);
-    for k in 1..40 {
-        term *= (x / (2.0 * f64::from(k))).powi(2);
-        sum += term;
-        // All further terms are smaller.
-        if term < 1e-17 * sum && f64::from(k) > x {
-            break;
-        }
-    }
-    sum
+    sinc * real::bessel_i0(SHAPE * (1.0 - x * x).sqrt()) / real::bessel_i0(SHAPE)
 }
 
 #[cfg(test)]
