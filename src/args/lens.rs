@@ -340,7 +340,8 @@ pub struct TraceArgs {
     /// Ghosts, of which the pack then has the operators (its attribute `extras` lists `ghost`).
     #[command(flatten)]
     pub ghosts: GhostArgs,
-    /// Maximum error of a kernel between nodes, L1 at film pixels; a band that misses one that is given is an error [default: 0.01]
+    /// Maximum error of a kernel between nodes, L1 at film pixels; a band that misses one that is given is an error [default: 0.01, and 0.02 where that takes
+    /// more than a quarter of --max-nodes]
     #[arg(long, value_parser = positive)]
     pub psf_tolerance: Option<f64>,
     /// Maximum number of PSF nodes (heights times azimuths) of a band: beyond it the error grows above that of --psf-tolerance, and is printed

@@ -99,7 +99,9 @@ pub fn command(args: &TraceArgs) -> Result<()> {
         bar.step(format!("{} nm: {} ({} PSFs)", number(options.wavelengths_nm[p.band]), p.step, p.psfs));
     };
     let result = write_beside(pack, |write| {
-        LensTrace::new(&system, &options)?.with_tails(args.tails).all(&mut progress, |index, band| {
+        let trace = LensTrace::new(&system, &options)?.with_tails(args.tails);
+        let kept = if stored == Store::Pupils { 0 } else { usize::MAX };
+        trace.with_psfs_up_to(kept).all(&mut progress, |index, band| {
             bar.suspend(|| log_line(band_line(&band)));
             reports.push(band.report);
             match missed_tolerance(args, &reports) {
@@ -210,11 +212,16 @@ fn summary(out: &Path, options: &TraceOptions, reports: &[BandReport], seconds: 
     let bound = reports.iter().filter_map(|r| Some(r.psf_error?.worst)).reduce(f64::max).map_or_else(
         || "given heights, kernel error not measured".to_owned(),
         |worst| {
-            format!(
-                "kernel error at most {:.2} % (requested {} %)",
-                100.0 * worst,
-                100.0 * options.psf_tolerance
-            )
+            let further = match options.excess > 1.0 {
+                true => format!(
+                    ", {} % where that takes more than {} nodes",
+                    number(100.0 * options.excess * options.psf_tolerance),
+                    options.base_nodes()
+                ),
+                false => String::new(),
+            };
+            let requested = number(100.0 * options.psf_tolerance);
+            format!("kernel error at most {:.2} % (requested {requested} %{further})", 100.0 * worst)
         },
     );
     let least = reports.iter().map(|r| r.min_energy).fold(1.0, f64::min);
@@ -260,7 +267,9 @@ fn options(args: &TraceArgs, system: &System) -> Result<TraceOptions> {
             Blocks::widest_window()
         )));
     }
-    options.psf_tolerance = args.psf_tolerance.unwrap_or(options.psf_tolerance);
+    if let Some(given) = args.psf_tolerance {
+        (options.psf_tolerance, options.excess) = (given, 1.0);
+    }
     options.max_nodes = args.max_nodes;
     options.psf_pitch_um = args.psf_pitch_um;
     options.film_pitch_um = args.film_pitch_um;

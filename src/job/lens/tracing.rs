@@ -168,7 +168,8 @@ pub(super) fn trace(job: &TracingJob<'_>, wavelengths_nm: &[f64], threads: usize
         ));
     }
     details.extend(job.bands.map(|bands| bands.described(&nm)).transpose()?);
-    let tolerance = TraceOptions::new(Vec::new(), 0.0).psf_tolerance;
+    let TraceOptions { psf_tolerance, excess, .. } = TraceOptions::new(Vec::new(), 0.0);
+    let tolerance = psf_tolerance * excess;
     let percent = |share: f64| format!("{:.2} %", 100.0 * share);
     if coarsest.0 > tolerance && percent(coarsest.0) != percent(tolerance) {
         notes.push(format!(
@@ -376,20 +377,21 @@ impl BandTracer<'_> {
         let (bar, threads, shared) = (&self.bar, self.threads, &mut self.shared);
         let mut progress = |p: Progress| bar.step(format!("{nm} nm: {} ({} PSFs)", p.step, p.psfs));
         let (header, band) = with_threads(threads, || {
-            let trace = LensTrace::new(system, options)?.over(range).with_tails(tails);
+            let trace = LensTrace::new(system, options)?;
+            let trace = trace.over(range).with_tails(tails).with_psfs_up_to(MAX_PSF_BYTES);
             let band = trace.band_sharing(0, shared, &mut progress)?;
             Ok::<_, DesignError>((trace.header(), band))
         })
         .inspect_err(|error| self.cache.remember(&recipe, error))?;
         let lens = Lens { bands: vec![band.tables.clone()], ..header };
-        let values = band_digest(&lens, 0, &band.psf);
-        let stores_pupils = range.is_none() && size_of_val(&band.psf.samples[..]) > MAX_PSF_BYTES;
+        let stores_pupils = band.psf.samples.is_empty();
+        let values = (!stores_pupils).then(|| band_digest(&lens, 0, &band.psf));
         let pack = self.cache.insert(&recipe, &mut |pack| {
             match stores_pupils {
                 true => pack.pupils(0, &band.pupils)?,
                 false => pack.psf(0, &band.psf)?,
             }
-            Ok((lens.clone(), with(&[band.report]), Some(values.clone())))
+            Ok((lens.clone(), with(&[band.report]), values.clone()))
         })?;
         Ok((recipe, pack))
     }

@@ -225,9 +225,14 @@ impl PupilStack {
     }
 }
 
+/// The sum of `psf`, its share of the energy.
+pub(in crate::design) fn energy(psf: &[f32]) -> f64 {
+    psf.iter().map(|v| f64::from(*v)).sum()
+}
+
 /// `psf` divided by its sum into `out`; the sum, its share of the energy.
 pub(in crate::design) fn normalise(psf: &[f32], out: &mut [f32]) -> f64 {
-    let sum: f64 = psf.iter().map(|v| f64::from(*v)).sum();
+    let sum = energy(psf);
     for (o, v) in out.iter_mut().zip(psf) {
         *o = rounded((f64::from(*v) / sum) as f32);
     }

@@ -87,7 +87,7 @@ impl<'a> GridTrace<'a> {
         let (core_half, core_pitch_um) = core_samples(windows.core_px, film_um, pitch_um);
         let core = PsfGrid::new(core_half, core_pitch_um);
         kernels.start(&core, windows.core_px, film_um);
-        let most = options.max_nodes.min(MAX_SAMPLES / (grid.size() * grid.size()));
+        let most = options.base_nodes().min(MAX_SAMPLES / (grid.size() * grid.size()));
         let nodes = nodes::choose(&mut kernels, self.film, (options, most), &mut report)?;
         let places = nodes.places();
         report("PSFs", 0);

@@ -3,7 +3,7 @@
 use rayon::prelude::*;
 
 use super::options::{Azimuths, PsfHeights};
-use super::refine::{max_psfs, max_samples};
+use super::refine::{max_heights, max_psfs};
 #[cfg(doc)]
 use super::shared_nodes::node_wavelengths;
 use super::trace::LensTrace;
@@ -64,12 +64,13 @@ impl LensTrace<'_> {
             1.0 - bundles.iter().map(|b| b.light_outside(0.5 * film * window_px as f64)).fold(0.0, f64::max);
         let side = 2 * half_samples(window_px, film, pitch_um) + 1;
         let core_side = 2 * core_samples(core_px, film, pitch_um).0 + 1;
-        let limited = PSFS.min(max_psfs(options, core_side.pow(2) as f64));
+        let limited = PSFS.min(max_psfs(&self.node_options(), core_side.pow(2) as f64));
         let (chosen_by, max_bytes) = match (&options.heights, options.azimuths) {
             (PsfHeights::Given(h), Azimuths::Given(_)) => (0, 4 * side * side * h.len()),
             (PsfHeights::Given(h), _) => (limited.max(3 * h.len()), 4 * side * side * h.len()),
             (PsfHeights::ByError, _) => {
-                (limited, (4 * max_samples(options)).min(4 * side * side * options.max_nodes))
+                let heights = max_heights(options, (side, self.film_side(side, pitch_um)));
+                (limited, 4 * side * side * heights.min(options.max_nodes))
             }
         };
         let bytes = match &options.heights {

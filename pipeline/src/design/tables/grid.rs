@@ -5,9 +5,9 @@
 //! The number of nodes, Σ J_k, is minimal when both have an equal part of the tolerance. So: measure C_r and C_θ at probing
 //! heights, place nodes accordingly, then compare the kernel at the centre of every cell (half-way in r, and half-way in θ on both
 //! heights: the worst place) with the one traced there; split or refine the cells above the tolerance. The maximum error at
-//! cell centres is recorded as the bound.
-//! Budget: if the tolerance needs more than `max_nodes` nodes, or more samples or PSFs than go with them ([`super::refine`]), spacings grow by a common factor until they fit, which keeps the error equal over the field and so its maximum
-//! minimal; then the cells of the largest errors are refined as far as the budget allows. Where samples or PSFs limit the heights, azimuths, which need neither, keep up to a quarter of
+//! cell centres is recorded as the bound. Of many cells a part is measured: errors change slowly with height, and are linear between the measured cells.
+//! Budget: if the tolerance needs more than a quarter of `max_nodes` nodes, or more samples or PSFs than go with them ([`super::refine`]), spacings grow by a common factor until they fit, which keeps the error equal over the field and so its maximum
+//! minimal; the factor is at most [`TraceOptions::excess`], unless that needs more than `max_nodes`. Then the cells of the largest errors are refined as far as the budget allows. Where samples or PSFs limit the heights, azimuths, which need neither, keep up to a quarter of
 //! the error ([`super::relaxation`]).
 //! Kernels are compared in the window of 95 % of the light ([`super::window`]).
 //! Neighbouring wavelengths need nearly the same nodes: [`adopt`] takes those of another one if a few cells, measured at both, agree.
@@ -20,7 +20,7 @@ use rayon::prelude::*;
 use super::kernels::{Kernels, l1, mean};
 use super::options::{Azimuths, PsfHeights, TraceOptions};
 use super::refine::{
-    Budget, CellError, MAX_AZIMUTHS, MIN_PSFS, NodeError, Refinement, max_psfs, max_samples, round_azimuths,
+    Budget, CellError, MAX_AZIMUTHS, MIN_PSFS, NodeError, Refinement, max_heights, max_psfs, round_azimuths,
     summary,
 };
 use super::relaxation::Relaxation;
@@ -34,6 +34,9 @@ const GRID_SHARE: f64 = 0.8;
 const PROBES: [(usize, usize); 3] = [(12, 20), (6, 16), (3, 0)];
 /// Maximum of rounds of checking and refining.
 const MAX_ROUNDS: usize = 6;
+
+/// Cells from which on a part of them is measured, about so many at a time.
+const MEASURED_CELLS: usize = 24;
 
 /// Cells that are measured before nodes of another wavelength are taken.
 const ADOPTED_CELLS: usize = 4;
@@ -49,12 +52,12 @@ pub(crate) struct Chosen {
     cells: Vec<f64>,
 }
 
-/// Chooses heights from 0 to `last_mm` and their azimuth counts, for PSFs of `side` samples a side.
+/// Chooses heights from 0 to `last_mm` and their azimuth counts, for PSFs of `sides`: samples a side, and of those that films use.
 pub(crate) fn choose(
     kernels: &mut Kernels<'_>,
     pupils: &mut Pupils<'_>,
     options: &TraceOptions,
-    (last_mm, side): (f64, usize),
+    (last_mm, sides): (f64, (usize, usize)),
     report: &mut dyn FnMut(&'static str, usize),
 ) -> Result<Chosen, DesignError> {
     let given = match &options.heights {
@@ -85,11 +88,10 @@ pub(crate) fn choose(
     };
     let left = max_psfs.saturating_sub(kernels.len()).max(MIN_PSFS / 2);
     let (free_heights, free_azimuths) = (given.is_none(), options.azimuths == Azimuths::ByError);
-    let budget = Budget {
-        nodes: options.max_nodes,
-        // A check of K heights traces about 3 K PSFs, the result K.
-        heights: (max_samples(options) / side.pow(2)).min(left / 4).max(3),
-    };
+    // A check of K heights traces about 3 K PSFs, the result K.
+    let most_heights = max_heights(options, sides).min(left / 4).max(3);
+    let budget = Budget { nodes: options.max_nodes, heights: most_heights };
+    let base = Budget { nodes: options.base_nodes(), heights: most_heights };
     let heights_at = |radial: f64| match (&given, &spacing) {
         (None, Some(spacing)) => {
             let spacing: Vec<f64> = spacing.iter().map(|s| s * radial.sqrt()).collect();
@@ -103,21 +105,30 @@ pub(crate) fn choose(
         let probes = &probes;
         move |h: f64| round_azimuths(between(probes, &need, h))
     };
-    let relaxed = Relaxation::least(|radial, angular| {
-        let heights = heights_at(radial);
-        let azimuths: Vec<usize> = heights.iter().map(|h| count_at(angular)(*h)).collect();
-        budget.fits(&heights, &azimuths, free_heights)
-    });
+    let least = |from: f64, budget: &Budget| {
+        Relaxation::least(from, |radial, angular| {
+            let heights = heights_at(radial);
+            let azimuths: Vec<usize> = heights.iter().map(|h| count_at(angular)(*h)).collect();
+            budget.fits(&heights, &azimuths, free_heights)
+        })
+    };
+    let of_base = least(1.0, &base);
+    let has_further = base.nodes < budget.nodes;
+    let (relaxed, budget) = match of_base.mean() <= options.excess || !has_further {
+        true => (of_base, base),
+        false => (least(options.excess, &budget), budget),
+    };
     let (mut heights, count) = (heights_at(relaxed.radial), count_at(relaxed.angular));
     let mut azimuths: Vec<usize> = heights.iter().map(|h| count(*h)).collect();
-    let mut limited = relaxed.radial > 1.0;
+    let mut limited = relaxed.radial > options.excess;
     let goal = tolerance * relaxed.mean();
     kernels.clear();
     pupils.keep(&[]);
     let mut errors = Vec::new();
     for round in 0..MAX_ROUNDS {
-        let all: Vec<usize> = (1..heights.len()).collect();
-        errors = check(kernels, pupils, (&heights, &azimuths), &all, report)?;
+        let measured = cells_to_measure(kernels, (&heights, &azimuths));
+        let found = check(kernels, pupils, (&heights, &azimuths), &measured, report)?;
+        errors = of_all_cells(&measured, &found, heights.len() - 1);
         let worst = errors.iter().map(|e: &CellError| e.total).fold(0.0, f64::max);
         if worst <= goal || round + 1 == MAX_ROUNDS {
             break;
@@ -143,7 +154,8 @@ pub(crate) fn choose(
         let Some(refined) = refined else { break };
         (heights, azimuths) = refined;
     }
-    let error = summary(&errors, &heights, limited);
+    let mut error = summary(&errors, &heights, limited);
+    error.limited &= error.worst > options.excess * options.psf_tolerance;
     Ok(with_axis(heights, azimuths, Some(error), errors.iter().map(|e| e.total).collect()))
 }
 
@@ -180,6 +192,42 @@ fn are_good_enough(tolerance: f64, there: f64, here: f64) -> bool {
     here <= tolerance || (there > tolerance && here <= ADOPTED_ERROR * there)
 }
 
+/// The kernels that the error of cell `k` needs: at its centre, and at either height unrotated and half-way to the next azimuth.
+fn kernels_of_cell((heights, azimuths): (&[f64], &[usize]), k: usize) -> [(f64, f64); 5] {
+    let (a, b) = (heights[k - 1], heights[k]);
+    let half = |k: usize| half_step(azimuths, k);
+    [(0.5 * (a + b), 0.0), (a, 0.0), (a, half(k - 1)), (b, 0.0), (b, half(k))]
+}
+
+/// Half the step between the azimuths of height `k`, rad.
+fn half_step(azimuths: &[usize], k: usize) -> f64 {
+    if k == 0 { 0.0 } else { PI / azimuths[k] as f64 }
+}
+
+/// The cells whose errors are measured, ascending: those whose kernels are known, and of the others every so many, the outermost included.
+fn cells_to_measure(kernels: &Kernels<'_>, nodes: (&[f64], &[usize])) -> Vec<usize> {
+    let is_known = |k: &usize| kernels_of_cell(nodes, *k).iter().all(|(h, a)| kernels.has(*h, *a));
+    let (mut cells, others): (Vec<usize>, Vec<usize>) = (1..nodes.0.len()).partition(is_known);
+    let step = others.len().div_ceil(MEASURED_CELLS).max(1);
+    cells.extend(others.iter().rev().step_by(step));
+    cells.sort_unstable();
+    cells
+}
+
+/// Errors of all `count` cells, from those `found` of the cells `measured`.
+fn of_all_cells(measured: &[usize], found: &[CellError], count: usize) -> Vec<CellError> {
+    let x: Vec<f64> = measured.iter().map(|k| *k as f64).collect();
+    let of = |value: fn(&CellError) -> f64| {
+        let y: Vec<f64> = found.iter().map(value).collect();
+        (1..=count).map(|k| between(&x, &y, k as f64)).collect::<Vec<f64>>()
+    };
+    let (total, radial, angular) = (of(|e| e.total), of(|e| e.radial), of(|e| e.angular));
+    let cells = total.iter().zip(&radial).zip(&angular);
+    cells
+        .map(|((total, radial), angular)| CellError { total: *total, radial: *radial, angular: *angular })
+        .collect()
+}
+
 /// Errors of `cells`, each by the index of its upper height.
 fn check(
     kernels: &mut Kernels<'_>,
@@ -188,17 +236,11 @@ fn check(
     cells: &[usize],
     report: &mut dyn FnMut(&'static str, usize),
 ) -> Result<Vec<CellError>, DesignError> {
-    let half_step = |k: usize| if k == 0 { 0.0 } else { PI / azimuths[k] as f64 };
-    let mut requested = Vec::new();
-    for &k in cells {
-        requested.push((0.5 * (heights[k - 1] + heights[k]), 0.0));
-        for k in [k - 1, k] {
-            requested.extend([(heights[k], 0.0), (heights[k], half_step(k))]);
-        }
-    }
+    let requested: Vec<(f64, f64)> =
+        cells.iter().flat_map(|k| kernels_of_cell((heights, azimuths), *k)).collect();
     report("checking", kernels.fill(pupils, &requested)?);
     let kernels = &*kernels;
-    let between = |k: usize| kernels.mean_with_mirror(kernels.at(heights[k], half_step(k)));
+    let between = |k: usize| kernels.mean_with_mirror(kernels.at(heights[k], half_step(azimuths, k)));
     let angular = |k: usize, mean: &[f32]| l1(mean, kernels.at(heights[k], 0.0));
     Ok(cells
         .par_iter()
@@ -309,6 +351,17 @@ fn between(x: &[f64], y: &[f64], at: f64) -> f64 {
 #[cfg(test)]
 mod tests {
     use super::*;
+
+    #[test]
+    fn errors_are_linear_between_the_measured_cells() {
+        let error = |total: f64| CellError { total, radial: 0.5 * total, angular: 0.0 };
+        let all = of_all_cells(&[2, 4, 5], &[error(0.1), error(0.3), error(0.2)], 6);
+        let expected = [0.1, 0.1, 0.2, 0.3, 0.2, 0.2];
+        assert_eq!(all.len(), expected.len());
+        for (found, expected) in all.iter().zip(expected) {
+            assert!((found.total - expected).abs() < 1e-12 && (found.radial - 0.5 * expected).abs() < 1e-12);
+        }
+    }
 
     #[test]
     fn nodes_of_another_wavelength_stay_within_the_tolerance_that_they_had() {

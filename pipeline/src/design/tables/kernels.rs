@@ -60,6 +60,11 @@ impl<'a> Kernels<'a> {
         Ok(count)
     }
 
+    /// Whether the kernel at `height` [mm] and `azimuth` [rad] has been computed.
+    pub(crate) fn has(&self, height: f64, azimuth: f64) -> bool {
+        self.computed.contains_key(&key(height, azimuth))
+    }
+
     /// Number of computed kernels.
     pub(crate) fn len(&self) -> usize {
         self.computed.len()

@@ -20,8 +20,12 @@ pub enum Azimuths {
     Given(usize),
 }
 
-/// Default maximum of nodes of a band: twice as many as a Double Gauss needs at its default tolerance.
-pub const MAX_NODES: usize = 8000;
+/// Default maximum of nodes of a band.
+pub const MAX_NODES: usize = 32_000;
+/// Nodes of a band, at that default, up to which errors are those of the tolerance: twice as many as a Double Gauss needs.
+pub(super) const BASE_NODES: usize = MAX_NODES / 4;
+/// Default of [`TraceOptions::excess`].
+const EXCESS: f64 = 2.0;
 
 /// Range and accuracy of a trace. Image plane, object distance and ray aiming are part of the [`System`](crate::design::prescription::system::System).
 #[derive(Clone, Debug, PartialEq)]
@@ -46,6 +50,9 @@ pub struct TraceOptions {
     pub psf_tolerance: f64,
     /// Maximum number of nodes of a band (heights × azimuths), if they are chosen by error.
     pub max_nodes: usize,
+    /// Error in units of `psf_tolerance`, at least 1, from which on a band may have more than a quarter of `max_nodes`: films of many nodes take more
+    /// time.
+    pub excess: f64,
     /// Heights of the PSFs.
     pub heights: PsfHeights,
     /// Number of azimuths of a height.
@@ -71,9 +78,15 @@ impl TraceOptions {
             psf_pitch_um: None,
             psf_tolerance: 0.01,
             max_nodes: MAX_NODES,
+            excess: EXCESS,
             heights: PsfHeights::ByError,
             azimuths: Azimuths::ByError,
         }
+    }
+
+    /// Nodes of a band up to which its errors are those of the tolerance; more only where errors would exceed that `excess` times.
+    pub fn base_nodes(&self) -> usize {
+        self.max_nodes.min(BASE_NODES.max(self.max_nodes / 4))
     }
 
     pub(super) fn check(&self) -> Result<(), DesignError> {
@@ -95,6 +108,9 @@ impl TraceOptions {
         }
         if !(self.energy > 0.0 && self.energy < 1.0) {
             return bad("energy", self.energy.to_string(), "a share between 0 and 1");
+        }
+        if !(self.excess.is_finite() && self.excess >= 1.0) {
+            return bad("excess", self.excess.to_string(), "a number from 1 on");
         }
         if self.max_nodes < 16 {
             return bad("max nodes", self.max_nodes.to_string(), "at least 16");

@@ -3,15 +3,17 @@
 //! A cell above the threshold is split in height if its error is mostly radial, else the azimuths of its two heights grow. See
 //! [`super::grid`].
 
-use super::options::{MAX_NODES, TraceOptions};
+use super::options::{BASE_NODES, MAX_NODES, TraceOptions};
 #[cfg(doc)]
 use crate::design::psf::PsfGrid;
 
-/// Maximum samples of the PSFs of a band with the default of [`MAX_NODES`] nodes: 134 MB in f32.
+/// Maximum samples of the PSFs of a band with the default of [`MAX_NODES`] nodes, as films make kernels from them ([`crate::psf::coarse`]): 134 MB in f32.
 const MAX_SAMPLES: f64 = (1_u64 << 25) as f64;
-/// Maximum work for the choice of nodes with that default, in samples ([`PsfGrid::work`]): 2 to 3 s on two cores.
+/// Maximum samples of the PSFs of a band as they are traced: that of an array of a lens pack.
+const MAX_TRACED: usize = 1 << 28;
+/// Maximum work for the choice of nodes with [`BASE_NODES`], in samples ([`PsfGrid::work`]): 2 to 3 s on two cores.
 const MAX_WORK: f64 = 6e8;
-/// Maximum side of the PSFs in samples with that default: 32 heights then have [`MAX_SAMPLES`].
+/// Maximum side of the PSFs in samples with the default of [`MAX_NODES`] nodes.
 const MAX_SIDE: f64 = 1024.0;
 /// PSFs that are traced whatever their work.
 pub(super) const MIN_PSFS: usize = 24;
@@ -27,7 +29,7 @@ pub struct NodeError {
     pub at_mm: f64,
     /// Median.
     pub median: f64,
-    /// Whether the budget, not the tolerance, ended the refinement.
+    /// Whether the budget ended the refinement above the tolerance, or above [`TraceOptions::excess`] times the tolerance.
     pub limited: bool,
 }
 
@@ -53,6 +55,11 @@ pub(super) fn max_samples(options: &TraceOptions) -> usize {
     (MAX_SAMPLES * scale(options).max(1.0)) as usize
 }
 
+/// Maximum number of PSFs of `side` samples a side, of which films use `film_side`.
+pub(super) fn max_heights(options: &TraceOptions, (side, film_side): (usize, usize)) -> usize {
+    (max_samples(options) / film_side.pow(2)).min(MAX_TRACED / side.pow(2))
+}
+
 /// Samples a side from which on the window of a band is limited.
 pub(super) fn max_side(options: &TraceOptions) -> usize {
     (MAX_SIDE * scale(options).max(1.0).sqrt()) as usize
@@ -60,7 +67,7 @@ pub(super) fn max_side(options: &TraceOptions) -> usize {
 
 /// Number of PSFs of `work` that can be traced for the choice of nodes.
 pub(super) fn max_psfs(options: &TraceOptions, work: f64) -> usize {
-    ((MAX_WORK * scale(options) / work) as usize).max(MIN_PSFS)
+    ((MAX_WORK * options.max_nodes as f64 / BASE_NODES as f64 / work) as usize).max(MIN_PSFS)
 }
 
 /// Limits of the nodes of a band.

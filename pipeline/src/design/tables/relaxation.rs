@@ -23,9 +23,9 @@ pub(super) struct Relaxation {
 }
 
 impl Relaxation {
-    /// The least common factor at which nodes fit; if it is the heights that need it, the least factor of the error in θ, of those within [`MAX_RATIO`], at which nodes fit.
-    pub(super) fn least(fits: impl Fn(f64, f64) -> Fit) -> Self {
-        let (mut both, mut is_by_heights) = (1.0, false);
+    /// The least common factor, of those from `from` on, at which nodes fit; if it is the heights that need it, the least factor of the error in θ, of those within [`MAX_RATIO`], at which nodes fit.
+    pub(super) fn least(from: f64, fits: impl Fn(f64, f64) -> Fit) -> Self {
+        let (mut both, mut is_by_heights) = (from, false);
         loop {
             let fit = fits(both, both);
             if (fit.heights && fit.nodes) || both > MAX {
@@ -53,7 +53,7 @@ mod tests {
 
     /// Limits of heights and nodes of a lens that needs 50 heights and 10,000 nodes.
     fn least(heights: f64, nodes: f64) -> Relaxation {
-        Relaxation::least(|radial, angular| Fit {
+        Relaxation::least(1.0, |radial, angular| Fit {
             heights: 50.0 / radial.sqrt() <= heights,
             nodes: 1e4 / (radial * angular).sqrt() <= nodes,
         })

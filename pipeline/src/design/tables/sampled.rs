@@ -15,6 +15,8 @@ use crate::design::pupil::bundle::Bundle;
 use crate::design::pupil::edge::Edge;
 use crate::design::pupil::pupils::Pupils;
 use crate::design::rays::ray::Tracer;
+use crate::lens::PsfSample;
+use crate::psf::coarse::KernelSamples;
 
 /// What PSFs of a wavelength are computed with.
 pub(in crate::design) struct Sampled<'t> {
@@ -27,8 +29,8 @@ pub(in crate::design) struct Sampled<'t> {
     /// Window and samples of the PSFs, and those for the choice of nodes.
     pub(in crate::design) window_px: usize,
     pub(in crate::design) grid: PsfGrid,
-    /// Samples along a side of windows without tails, which the budget of nodes is for: nodes are the same with tails.
-    pub(super) budget_side: usize,
+    /// Samples along a side of windows without tails, and those that films use, which the budget of nodes is for: nodes are the same with tails.
+    pub(super) budget_sides: (usize, usize),
     pub(in crate::design) core_px: usize,
     pub(super) core: PsfGrid,
 }
@@ -103,11 +105,21 @@ impl LensTrace<'_> {
         let grid = PsfGrid::new(half, psf_pitch_um);
         let (core_half, core_pitch_um) = core_samples(core_px, options.film_pitch_um, pitch_um);
         let core = PsfGrid::new(core_half, core_pitch_um);
-        let budget_side = match self.sampling.is_coarse {
+        let side = match self.sampling.is_coarse {
             false => 2 * half_samples(plain_px, options.film_pitch_um, pitch_um) + 1,
             true => grid.size(),
         };
-        Ok(Sampled { pupils, last_mm, first: heights, edges, window_px, grid, budget_side, core_px, core })
+        let budget_sides = (side, self.film_side(side, pitch_um));
+        Ok(Sampled { pupils, last_mm, first: heights, edges, window_px, grid, budget_sides, core_px, core })
+    }
+
+    /// Samples a side that films use of many PSFs with `side` samples of `pitch_um`.
+    pub(super) fn film_side(&self, side: usize, pitch_um: f64) -> usize {
+        let psfs = (usize::MAX / side.pow(2), side, pitch_um);
+        match self.has_base_nodes {
+            false => KernelSamples::of(psfs, self.options.film_pitch_um, PsfSample::Point).size,
+            true => side,
+        }
     }
 
     fn pitch(&self, nyquist_um: impl Iterator<Item = f64>) -> Result<f64, DesignError> {

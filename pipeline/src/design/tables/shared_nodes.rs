@@ -93,7 +93,8 @@ fn nodes_at(
     options: &TraceOptions,
     report: &mut dyn FnMut(&'static str, usize),
 ) -> Result<Chosen, DesignError> {
-    let trace = LensTrace::new(trace.system, options)?;
+    let plain = LensTrace::new(trace.system, options)?;
+    let trace = if trace.has_base_nodes { plain.with_base_nodes() } else { plain };
     let tracer = Tracer::new(trace.system, nm / 1e3)?;
     let mut sampled = trace.sampled(&tracer, report)?;
     trace.choose(&mut sampled, report)

@@ -26,18 +26,22 @@ use crate::bounds::PSF_ENERGY;
 use crate::design::prescription::error::DesignError;
 use crate::design::prescription::system::System;
 use crate::design::psf::middle::band_tail;
-use crate::design::psf::pupil_stack::{PupilStack, normalise};
+use crate::design::psf::pupil_stack::{PupilStack, energy, normalise};
 pub use crate::design::psf::tails::NoTail;
 use crate::design::psf::{PsfGrid, PsfScratch};
 use crate::design::pupil::pupils::Pupils;
+use crate::design::rays::aim::lagrange;
 use crate::design::rays::paraxial::Paraxial;
 use crate::design::rays::ray::Tracer;
 use crate::lens::{Lens, LensBand, PsfSample, PsfStack};
 
+/// Of bands without samples of their PSFs, heights whose share of energy is computed, about; between them it is interpolated.
+const ENERGIES: usize = 24;
+
 /// Incremented when the results for the same design and options change.
 pub const TRACER_VERSION: u32 = 8;
 /// Incremented when nodes or windows for the same design and options change, which packs with pupil functions have stored.
-pub const NODES_VERSION: u32 = 3;
+pub const NODES_VERSION: u32 = 4;
 
 /// Incremented when tails for the same design and options change.
 pub const TAILS_VERSION: u32 = 5;
@@ -72,7 +76,7 @@ pub type OnProgress<'a> = &'a mut dyn FnMut(Progress);
 pub struct TracedBand {
     /// Its tables.
     pub tables: LensBand,
-    /// Its PSFs.
+    /// Its PSFs; without samples where they would have more bytes than the trace may keep.
     pub psf: PsfStack,
     /// The pupil functions of its PSFs; without heights for means over a band's width.
     pub pupils: PupilStack,
@@ -106,6 +110,9 @@ pub struct LensTrace<'a> {
     pub(super) tails: bool,
     pub(super) band: Option<BandRange>,
     pub(super) sampling: Sampling,
+    pub(super) has_base_nodes: bool,
+    /// Most bytes of the samples of a band's PSFs.
+    max_psf_bytes: usize,
 }
 
 impl<'a> LensTrace<'a> {
@@ -120,8 +127,16 @@ impl<'a> LensTrace<'a> {
         for nm in &options.wavelengths_nm {
             Tracer::new(system, nm / 1e3)?.field_of_height(options.max_height_mm)?;
         }
-        let (tails, band, sampling) = (false, None, Sampling::default());
-        Ok(Self { system, options, primary, tails, band, sampling })
+        Ok(Self {
+            system,
+            options,
+            primary,
+            tails: false,
+            band: None,
+            sampling: Sampling::default(),
+            has_base_nodes: false,
+            max_psf_bytes: usize::MAX,
+        })
     }
 
     /// Checks options that do not depend on a lens.
@@ -141,7 +156,28 @@ impl<'a> LensTrace<'a> {
     /// With tables and PSFs that are means over `band`, if any: of the trace of one band, whose wavelength is that of distortion and nodes. Without tails.
     #[must_use]
     pub fn over(self, band: Option<BandRange>) -> Self {
-        Self { band, ..self }
+        Self { band, has_base_nodes: self.has_base_nodes || band.is_some(), ..self }
+    }
+
+    /// With samples of the PSFs of bands where they have at most `bytes`; [`TracedBand::psf`] of others has none, and their pupil functions stand for them. Means
+    /// over a band's width always have samples.
+    #[must_use]
+    pub fn with_psfs_up_to(self, bytes: usize) -> Self {
+        Self { max_psf_bytes: bytes, ..self }
+    }
+
+    /// With at most [`TraceOptions::base_nodes`], of bands whose PSFs take more time and memory than those of one wavelength, one plane and a lens with symmetry.
+    #[must_use]
+    pub(in crate::design) fn with_base_nodes(self) -> Self {
+        Self { has_base_nodes: true, ..self }
+    }
+
+    /// The options that nodes are chosen with.
+    pub(super) fn node_options(&self) -> TraceOptions {
+        match self.has_base_nodes {
+            true => TraceOptions { max_nodes: self.options.base_nodes(), ..self.options.clone() },
+            false => self.options.clone(),
+        }
     }
 
     /// What it traces.
@@ -250,7 +286,8 @@ impl<'a> LensTrace<'a> {
             None => {
                 pupils.keep(&chosen.heights);
                 pupils.prepare(chosen.heights.iter().copied())?;
-                let stack = stack(&pupils, &grid, &chosen.heights);
+                let bytes = 4 * grid.size().pow(2) * chosen.heights.len();
+                let stack = stack(&pupils, &grid, &chosen.heights, bytes <= self.max_psf_bytes);
                 (stack, PupilStack::new(&grid, pupils.into_functions(&chosen.heights)))
             }
             Some((tracers, light)) => {
@@ -297,9 +334,9 @@ impl<'a> LensTrace<'a> {
         sampled: &mut Sampled<'_>,
         report: &mut dyn FnMut(&'static str, usize),
     ) -> Result<Chosen, DesignError> {
-        let Sampled { pupils, last_mm, budget_side, core_px, core, .. } = sampled;
+        let Sampled { pupils, last_mm, budget_sides, core_px, core, .. } = sampled;
         let mut kernels = Kernels::new(core, *core_px, self.options.film_pitch_um);
-        grid::choose(&mut kernels, pupils, self.options, (*last_mm, *budget_side), report)
+        grid::choose(&mut kernels, pupils, &self.node_options(), (*last_mm, *budget_sides), report)
     }
 
     /// The nodes `other` of a similar band if their error is about the same here ([`grid::adopt`]), else none.
@@ -346,22 +383,43 @@ pub fn trace_lens<E: std::fmt::Display>(
     LensTrace::new(system, options)?.all(on_progress, sink)
 }
 
-/// The PSFs at `heights`, each of sum 1, and their shares of energy in the window.
-fn stack(pupils: &Pupils<'_>, grid: &PsfGrid, heights: &[f64]) -> (PsfStack, Vec<f64>) {
+/// The share of energy at `height` from those of `computed`, ascending: the cubic through the four nearest heights.
+fn energy_between(computed: &[(f64, f64)], height: f64) -> f64 {
+    let above = computed.partition_point(|(h, _)| *h < height);
+    if let Some((_, energy)) = computed.get(above).filter(|(h, _)| *h == height) {
+        return *energy;
+    }
+    let first = above.saturating_sub(2).min(computed.len().saturating_sub(4));
+    lagrange(&computed[first..computed.len().min(first + 4)], height)
+}
+
+/// The PSFs at `heights`, each of sum 1, without samples unless they are `kept`, and their shares of energy in the window.
+fn stack(pupils: &Pupils<'_>, grid: &PsfGrid, heights: &[f64], kept: bool) -> (PsfStack, Vec<f64>) {
     let n = grid.size();
-    let mut stack = PsfStack {
-        size: n,
-        pitch_um: grid.pitch_um(),
-        sample: PsfSample::Point,
-        samples: vec![0.0; n * n * heights.len()],
+    let mut stack =
+        PsfStack { size: n, pitch_um: grid.pitch_um(), sample: PsfSample::Point, samples: Vec::new() };
+    let psf = |(scratch, psf): &mut (PsfScratch, Vec<f32>), height: &f64| {
+        grid.psf_into(pupils.at(*height), 0.0, scratch, psf);
     };
+    if !kept {
+        let step = heights.len().div_ceil(ENERGIES).max(1);
+        let last = heights.len() - 1;
+        let computed: Vec<usize> = (0..last).step_by(step).chain([last]).collect();
+        let energies = computed.par_iter().map_init(<(PsfScratch, Vec<f32>)>::default, |scratch, k| {
+            psf(scratch, &heights[*k]);
+            (heights[*k], energy(&scratch.1))
+        });
+        let energies: Vec<(f64, f64)> = energies.collect();
+        return (stack, heights.iter().map(|height| energy_between(&energies, *height)).collect());
+    }
+    stack.samples.resize(n * n * heights.len(), 0.0);
     let energy = stack
         .samples
         .par_chunks_exact_mut(n * n)
         .zip(heights)
-        .map_init(<(PsfScratch, Vec<f32>)>::default, |(scratch, psf), (out, h)| {
-            grid.psf_into(pupils.at(*h), 0.0, scratch, psf);
-            normalise(psf, out)
+        .map_init(<(PsfScratch, Vec<f32>)>::default, |scratch, (out, height)| {
+            psf(scratch, height);
+            normalise(&scratch.1, out)
         })
         .collect();
     (stack, energy)

@@ -55,7 +55,7 @@ pub(super) fn choose(
         let finer = finer(&nodes, options, (error.worst / options.psf_tolerance.max(there.worst)).sqrt());
         let count: usize = finer.azimuths.iter().sum();
         let is_more = finer.heights != nodes.heights || finer.azimuths != nodes.azimuths;
-        if round == ROUNDS || count > options.max_nodes || !is_more {
+        if round == ROUNDS || count > options.base_nodes() || !is_more {
             nodes.error = Some(NodeError { limited: true, ..error });
             break;
         }

@@ -37,7 +37,7 @@ impl NominalNodes {
             return Ok(nominal.clone());
         }
         let nm = options.wavelengths_nm[index];
-        let trace = LensTrace::new(lens.nominal(), options)?;
+        let trace = LensTrace::new(lens.nominal(), options)?.with_base_nodes();
         let tracer = Tracer::new(lens.nominal(), nm / 1e3)?;
         let mut sampled = trace.sampled(&tracer, report)?;
         let chosen = self.shared.choose(&trace, nm, &mut sampled, report)?;

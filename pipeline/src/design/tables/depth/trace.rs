@@ -135,7 +135,7 @@ pub fn band<E: std::fmt::Display>(
     for (d, v) in placement.vergence.iter().enumerate() {
         let moved = system.at_vergence(*v)?;
         let blur = blur_px * (v - options.focus);
-        let lens = LensTrace::new(&moved, trace)?;
+        let lens = LensTrace::new(&moved, trace)?.with_base_nodes();
         reference =
             reference.filter(|r| (blur - r.blur_px).abs() <= SIMILAR.0.max(SIMILAR.1 * r.blur_px.abs()));
         let traced = node(lens, index, (blur, options.is_for_film), &mut reference, on_progress)?;
