@@ -249,10 +249,11 @@ impl BandPlan {
         self.samples.size != self.lens.psf_size
     }
 
-    /// Bytes of the samples of its PSFs, and of those that `readers` threads read at a time to reduce them.
-    pub fn samples_bytes(&self, readers: usize) -> usize {
-        let read = if self.is_coarse() { readers * self.lens.psf_size.pow(2) } else { 0 };
-        4 * (self.lens.psf_count() * self.samples.size.pow(2) + read)
+    /// Bytes of the PSFs that are read at a time, to be reduced by `readers` threads, or all of one band's; the samples that kernels are made from are among
+    /// [`BandPlan::kernels_bytes`].
+    pub fn reading_bytes(&self, readers: usize) -> usize {
+        let psfs = if self.is_coarse() { readers } else { self.lens.psf_count() };
+        4 * psfs * self.lens.psf_size.pow(2)
     }
 
     /// Whether its PSFs are read when a kernel needs them, those of a height at a time: those of a lens without rotational symmetry, if they are large.
@@ -358,8 +359,8 @@ impl BandPlan {
                     samples = interpolate_psfs(&samples, &stack(second)?, share);
                 }
                 let kernels = match &self.tail {
-                    Some(tail) => tail.near_kernels(&samples, &self.lens, options.simd),
-                    None => NodeKernels::new(&samples, frame.pitch_um, options.psf_window, options.simd),
+                    Some(tail) => tail.near_kernels(samples, &self.lens, options.simd),
+                    None => NodeKernels::of(samples, frame.pitch_um, options.psf_window, options.simd),
                 };
                 Some(BandPsf::new(position, grid.clone(), kernels, options.simd))
             }

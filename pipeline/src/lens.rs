@@ -160,6 +160,18 @@ impl PsfStack {
         let n = self.size * self.size;
         &self.samples[k * n..][..n]
     }
+
+    /// The windows, whose memory is that of the stack.
+    pub(crate) fn into_windows(self) -> Vec<Vec<f32>> {
+        let (n, mut samples) = (self.size * self.size, self.samples);
+        let mut windows = Vec::with_capacity(samples.len() / n);
+        while !samples.is_empty() {
+            windows.push(samples.split_off(samples.len() - n));
+            samples.shrink_to_fit();
+        }
+        windows.reverse();
+        windows
+    }
 }
 
 /// Invalid or insufficient lens tables.

@@ -249,10 +249,16 @@ impl MemoryInputs<'_> {
                 // By all threads, one set at a time: samples, and what is kept of them.
                 return 2 * p.largest_set_bytes() + self.threads * (self.psf_reading)(p);
             }
-            let stacks = if p.lens_bands.second.is_some() { 3 } else { 1 };
             let reading = (self.psf_reading)(p);
             let readers = if p.is_coarse() { psf_readers(self.threads, reading) } else { 1 };
-            if p.grid.is_some() { stacks * p.samples_bytes(readers) + readers * reading } else { 0 }
+            let read = p.reading_bytes(readers);
+            // Interpolated PSFs beside those of two bands.
+            let read = match p.lens_bands.second {
+                Some(_) if p.is_coarse() => read + 2 * p.kernels_bytes(),
+                Some(_) => 3 * read,
+                None => read,
+            };
+            if p.grid.is_some() { read + readers * reading } else { 0 }
         };
         // While the last of some consecutive bands is read.
         let kernels = (1..=self.bands.len()).map(|end| {

@@ -78,48 +78,48 @@ impl NodeKernels {
     /// Prepares the kernels of `stack`, which may have the first rows alone, for a film of `film_pitch_um`; `window` crops them to that many film
     /// pixels (odd).
     pub fn new(stack: &PsfStack, film_pitch_um: f64, window: Option<usize>, simd: Simd) -> Self {
+        Self::of(stack.clone(), film_pitch_um, window, simd)
+    }
+
+    /// As [`NodeKernels::new`], in the memory of `stack`.
+    pub fn of(stack: PsfStack, film_pitch_um: f64, window: Option<usize>, simd: Simd) -> Self {
         let n = stack.size;
         let resampler = Resampler::new((n, stack.pitch_um, stack.sample), film_pitch_um, window, simd);
         let share = film_share(resampler.pixels(), n, resampler.size());
-        let windows = || (0..stack.heights()).map(|k| stack.window(k));
+        let all = stack.into_windows();
+        let windows = || all.iter().map(|window| &window[..]);
         let light: Vec<f64> = windows().map(|window| lane_sum(window, window, |v, _| f64::from(v))).collect();
         let energy = |(window, light): (&[f32], &f64)| {
             let rows = window.chunks_exact(n).zip(&share);
             let inside: f64 = rows.map(|(row, w)| w * lane_sum(row, &share, |v, w| f64::from(v) * w)).sum();
             inside / light
         };
-        Self {
-            resampler,
-            energy: windows().zip(&light).map(energy).collect(),
-            psfs: windows()
-                .zip(&light)
-                .map(|(window, light)| Psf {
-                    is_mirrored: is_mirrored(window, n, *light),
-                    window: Mutex::new(window.to_vec()),
-                    prepared: OnceLock::new(),
-                })
-                .collect(),
-            shares: None,
-        }
+        let energy = windows().zip(&light).map(energy).collect();
+        let psf = |(window, light): (Vec<f32>, &f64)| Psf {
+            is_mirrored: is_mirrored(&window, n, *light),
+            window: Mutex::new(window),
+            prepared: OnceLock::new(),
+        };
+        Self { resampler, energy, psfs: all.into_iter().zip(&light).map(psf).collect(), shares: None }
     }
 
     /// The near kernels of `stack`, whose light beyond the windows is `tail`: p − T inside the window, of a PSF with a middle part times τ ([`crate::lens::middle`]), p with its share
     /// `energy` of the light at each height. `shares` are the sums of the kernels, all light less that of T on the film: they differ from the sums of p − T by what
     /// sampling and the interpolation of T between heights leave (below 1e-3).
     pub fn near(
-        stack: &PsfStack,
+        stack: PsfStack,
         (tail, height_mm, energy): (&BandTail, &[f64], &[f64]),
         shares: Vec<f64>,
         film_pitch_um: f64,
         simd: Simd,
     ) -> Self {
         let near = near_samples(stack, tail, height_mm, energy);
-        Self::with_shares(&near, shares, film_pitch_um, simd)
+        Self::with_shares(near, shares, film_pitch_um, simd)
     }
 
     /// As [`NodeKernels::new`], each kernel with the sum of its row of the stack in `shares`.
-    pub(crate) fn with_shares(stack: &PsfStack, shares: Vec<f64>, film_pitch_um: f64, simd: Simd) -> Self {
-        Self { shares: Some(shares), ..Self::new(stack, film_pitch_um, None, simd) }
+    pub(crate) fn with_shares(stack: PsfStack, shares: Vec<f64>, film_pitch_um: f64, simd: Simd) -> Self {
+        Self { shares: Some(shares), ..Self::of(stack, film_pitch_um, None, simd) }
     }
 
     /// Side of a kernel in film pixels, odd.
@@ -214,11 +214,11 @@ impl NodeKernels {
 }
 
 /// p − T at the samples of `stack`, as shares of all light; of PSFs with a middle part times τ.
-fn near_samples(stack: &PsfStack, tail: &BandTail, height_mm: &[f64], energy: &[f64]) -> PsfStack {
+fn near_samples(mut stack: PsfStack, tail: &BandTail, height_mm: &[f64], energy: &[f64]) -> PsfStack {
     let n = stack.size;
     let (pitch, half) = (1e-3 * stack.pitch_um, n / 2);
     let coefficients: Vec<_> = height_mm.iter().map(|h| tail.at(*h)).collect();
-    let mut samples = stack.samples.clone();
+    let samples = &mut stack.samples;
     let (mut basis, mut tails) = (RowBasis::default(), Vec::new());
     let half_mm = 0.5 * n as f64 * pitch;
     // T is the same in the rows above and below the chief ray.
@@ -243,7 +243,7 @@ fn near_samples(stack: &PsfStack, tail: &BandTail, height_mm: &[f64], energy: &[
             }
         }
     }
-    PsfStack { size: n, pitch_um: stack.pitch_um, sample: stack.sample, samples }
+    stack
 }
 
 /// Whether the PSF of `n` × `n` samples, with `light` in all, is its own mirror image about the meridian.
@@ -439,7 +439,7 @@ mod tests {
         let stack =
             PsfStack { size: n, pitch_um, sample: PsfSample::Point, samples: [one.clone(), one].concat() };
         let tables = (&tail, &[0.0, 1.0][..], &[energy, energy][..]);
-        let kernels = NodeKernels::near(&stack, tables, vec![1.0 - beyond; 2], film_um, Simd::detect());
+        let kernels = NodeKernels::near(stack, tables, vec![1.0 - beyond; 2], film_um, Simd::detect());
         let grid = NodeGrid::new(&[0.0, 1.0], &[1, 72], 2e-3);
         for j in [0, 5, 31] {
             let kernel = kernel_of(&kernels, &grid, j);

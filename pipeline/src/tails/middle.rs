@@ -67,7 +67,7 @@ impl MiddleLevel {
             sample: PsfSample::Point,
             samples: middle.samples.to_vec(),
         };
-        let kernels = NodeKernels::with_shares(&stack, middle.shares(), 1e3 * pitch_mm, Simd::PORTABLE);
+        let kernels = NodeKernels::with_shares(stack, middle.shares(), 1e3 * pitch_mm, Simd::PORTABLE);
         Some(Self { psf: BandPsf::new(0, grid, kernels, Simd::PORTABLE), bins })
     }
 

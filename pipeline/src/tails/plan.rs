@@ -244,7 +244,7 @@ impl TailPlan {
     }
 
     /// The near kernels of the PSFs `stack` of `band`, which this plan is of.
-    pub fn near_kernels(&self, stack: &PsfStack, band: &LensBand, simd: Simd) -> NodeKernels {
+    pub fn near_kernels(&self, stack: PsfStack, band: &LensBand, simd: Simd) -> NodeKernels {
         let tables = (&self.tail, &band.psf_height_mm[..], &band.psf_energy[..]);
         NodeKernels::near(stack, tables, self.near_shares(), 1e3 * self.pitch_mm, simd)
     }
