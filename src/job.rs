@@ -317,8 +317,9 @@ impl<'a> UntracedJob<'a> {
             Some(planned) => planned.lens_digest(&plan.lens, &plan.bands),
         };
         let lens = (plan.lens.lens().name.as_str(), &*lens_digest.context("reading the lens pack")?);
+        // A plan of a program before these kernels has none: the identity then differs from its film's.
         let is_coarse =
-            planned.map_or_else(|| plan.bands.iter().any(BandPlan::is_coarse), |planned| planned.is_coarse);
+            planned.is_some_and(|planned| planned.is_coarse) || plan.bands.iter().any(BandPlan::is_coarse);
         let identity = identity::identity(
             args,
             arguments.options.stages,
