@@ -22,7 +22,6 @@ use crate::remap::Remap;
 use crate::stage::Stage;
 use crate::tails::TailPlan;
 use crate::tiling::Tiling;
-use std::ops::Range;
 use std::sync::Arc;
 
 /// Wavelengths closer than this are the same, nm.
@@ -311,33 +310,8 @@ impl BandPlan {
         (heights_px.partition_point(|height| *height < farthest_px) + 1).min(heights_px.len())
     }
 
-    /// The first `psfs` PSFs, as [`BandPlan::stages`] needs them: `read` reads consecutive ones, `readers` at a time if they are reduced, by as many threads.
-    ///
-    /// # Errors
-    /// Errors of `read`.
-    pub fn read_psfs<E>(
-        &self,
-        psfs: usize,
-        readers: usize,
-        mut read: impl FnMut(Range<usize>) -> Result<PsfStack, E>,
-    ) -> Result<PsfStack, E> {
-        if !self.is_coarse() {
-            return read(0..psfs);
-        }
-        let mut all: Option<PsfStack> = None;
-        for first in (0..psfs).step_by(readers) {
-            let fine = read(first..psfs.min(first + readers))?;
-            let part = self.samples.reduction(fine.size, fine.pitch_um).reduced(&fine, readers);
-            match &mut all {
-                Some(all) => all.samples.extend_from_slice(&part.samples),
-                None => all = Some(part),
-            }
-        }
-        Ok(all.expect("a band has a PSF"))
-    }
-
     /// The stages of this band, the `position`-th of the job. `stack` reads the PSFs of a lens band, at least those of the first
-    /// [`BandPlan::psf_sets`], at its [samples](BandPlan::samples) ([`BandPlan::read_psfs`]), only if the PSF stage is enabled; `gain` multiplies the
+    /// [`BandPlan::psf_sets`], at its [samples](BandPlan::samples) ([`KernelSamples::read`]), only if the PSF stage is enabled; `gain` multiplies the
     /// remapped image (film units).
     ///
     /// # Errors

@@ -24,6 +24,17 @@ pub fn bessel_i0(x: f64) -> f64 {
     sum
 }
 
+/// sinc(u) times a Kaiser window of half-width `half` and shape `shape`, 0 beyond.
+pub fn kaiser_sinc(u: f64, half: f64, shape: f64) -> f64 {
+    let x = u / half;
+    if x.abs() >= 1.0 {
+        return 0.0;
+    }
+    let pi_u = std::f64::consts::PI * u;
+    let sinc = if u == 0.0 { 1.0 } else { sin(pi_u) / pi_u };
+    sinc * bessel_i0(shape * (1.0 - x * x).sqrt()) / bessel_i0(shape)
+}
+
 #[cfg(test)]
 mod tests {
     /// rustfft's own instruction detection is not compiled in.

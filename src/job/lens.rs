@@ -188,7 +188,7 @@ impl JobLens {
         };
         if plan.is_coarse() {
             let readers = psf_readers(threads, self.psf_reading_bytes(band));
-            return plan.read_psfs(sets, readers, |sets| of_sets(sets, readers));
+            return plan.samples.read(sets, readers, |sets| of_sets(sets, readers));
         }
         match (self, plan.node) {
             (_, Some(node)) => self.psf_of_node(band, node),

@@ -15,8 +15,9 @@ use crate::lens::{PsfSample, PsfStack};
 use crate::parts::for_each_part;
 use crate::psf::kernel::film_window;
 use crate::real;
+use crate::spline::tensor::transposed;
 use std::convert::Infallible;
-use std::f64::consts::PI;
+use std::ops::Range;
 
 /// Coarse samples a film pixel, along one direction, of finely sampled PSFs and of others.
 const PER_PIXEL: (f64, f64) = (3.5, 3.0);
@@ -68,8 +69,28 @@ impl KernelSamples {
         Self { size, pitch_um: self.film_pitch_um / per_pixel, ..self }
     }
 
+    /// The first `psfs` PSFs at these coarse samples: `read` reads consecutive ones, `readers` at a time, which as many threads reduce.
+    ///
+    /// # Errors
+    /// Errors of `read`.
+    pub fn read<E>(
+        self,
+        psfs: usize,
+        readers: usize,
+        mut read: impl FnMut(Range<usize>) -> Result<PsfStack, E>,
+    ) -> Result<PsfStack, E> {
+        let mut part = |first: usize| read(first..psfs.min(first + readers));
+        let fine = part(0)?;
+        let reduction = self.reduction(fine.size, fine.pitch_um);
+        let mut all = reduction.reduced(&fine, readers);
+        for first in (readers..psfs).step_by(readers) {
+            all.samples.extend_from_slice(&reduction.reduced(&part(first)?, readers).samples);
+        }
+        Ok(all)
+    }
+
     /// The reduction to these of PSFs with `size` samples a side of `pitch_um`: those that these are of, or those of a band with another window.
-    pub fn reduction(self, size: usize, pitch_um: f64) -> CoarseSamples {
+    fn reduction(self, size: usize, pitch_um: f64) -> CoarseSamples {
         let of_window = Self { size, pitch_um, ..self }.coarse(self.film_pitch_um / self.pitch_um);
         CoarseSamples::new((size, pitch_um), of_window)
     }
@@ -77,7 +98,7 @@ impl KernelSamples {
 
 /// The reduction of PSFs of one size and pitch.
 #[derive(Clone, Debug)]
-pub struct CoarseSamples {
+struct CoarseSamples {
     /// Samples a side before.
     from: usize,
     pitch_um: f64,
@@ -96,7 +117,7 @@ impl CoarseSamples {
             let first = (at - HALF * ratio).ceil().max(0.0);
             let last = (at + HALF * ratio).floor().min(samples as f64 - 1.0);
             let reach = first as usize..(last + 1.0).max(first) as usize;
-            (first as usize, reach.map(|j| low_pass((j as f64 - at) / ratio)).collect())
+            (first as usize, reach.map(|j| real::kaiser_sinc((j as f64 - at) / ratio, HALF, SHAPE)).collect())
         };
         let rows: Vec<(usize, Vec<f64>)> = (0..to).map(of).collect();
         // The weights of a sample in all coarse ones have the sum 1.
@@ -115,7 +136,7 @@ impl CoarseSamples {
     ///
     /// # Panics
     /// PSFs of another size.
-    pub fn reduced(&self, stack: &PsfStack, threads: usize) -> PsfStack {
+    fn reduced(&self, stack: &PsfStack, threads: usize) -> PsfStack {
         let (n, size) = (self.from, self.weights.len());
         assert_eq!(stack.size, n, "PSFs of the size that the reduction is of");
         let mut samples = vec![0.0; stack.heights() * size * size];
@@ -143,31 +164,12 @@ impl CoarseSamples {
     }
 }
 
-/// h(u).
-fn low_pass(u: f64) -> f64 {
-    let inside = 1.0 - (u / HALF).powi(2);
-    if inside <= 0.0 {
-        return 0.0;
-    }
-    let sinc = if u == 0.0 { 1.0 } else { real::sin(PI * u) / (PI * u) };
-    sinc * real::bessel_i0(SHAPE * inside.sqrt()) / real::bessel_i0(SHAPE)
-}
-
-/// Transposes rows of `width` values.
-fn transposed(from: &[f32], width: usize) -> Vec<f32> {
-    let height = from.len() / width;
-    let mut to = Vec::with_capacity(from.len());
-    for x in 0..width {
-        to.extend((0..height).map(|y| from[y * width + x]));
-    }
-    to
-}
-
 #[cfg(test)]
 mod tests {
     use super::*;
     use crate::psf::kernel::{KernelScratch, NodeKernels};
     use crate::simd::Simd;
+    use std::f64::consts::PI;
 
     /// Fringes of a period of `period_um` under a wide envelope, off the middle, with a film of 2 µm.
     fn fringes(n: usize, pitch_um: f64, period_um: f64) -> PsfStack {
@@ -181,6 +183,11 @@ mod tests {
         let sum: f64 = samples.iter().sum();
         let samples = samples.iter().map(|v| (v / sum) as f32).collect();
         PsfStack { size: n, pitch_um, sample: PsfSample::Point, samples }
+    }
+
+    /// The PSF of `one`, `count` times.
+    fn stack_of(one: &PsfStack, count: usize) -> PsfStack {
+        PsfStack { samples: one.samples.repeat(count), ..one.clone() }
     }
 
     #[test]
@@ -206,6 +213,8 @@ mod tests {
             let reduction = samples.reduction(n, pitch_um);
             let coarse = reduction.reduced(&fine, 2);
             assert!(coarse.size == samples.size && coarse == reduction.reduced(&fine, 1));
+            let in_parts = samples.read(5, 2, |psfs| Ok::<_, ()>(stack_of(&fine, psfs.len()))).unwrap();
+            assert_eq!(in_parts.samples, coarse.samples.repeat(5));
             let sum: f64 = coarse.samples.iter().map(|v| f64::from(*v)).sum();
             assert!((sum - 1.0).abs() < 1e-5, "{sum}");
             let kernel = |stack: &PsfStack| {

@@ -89,11 +89,11 @@ fn coefficients_down(samples: &[f64], width: usize) -> Vec<f64> {
 }
 
 /// Exchanges the rows and columns of a grid `width` wide.
-fn transposed(grid: &[f64], width: usize) -> Vec<f64> {
+pub(crate) fn transposed<T: Copy + Default>(grid: &[T], width: usize) -> Vec<T> {
     // Rows of `grid` at a time, so that its cache lines are used whole.
     const ROWS: usize = 16;
     let rows = grid.len() / width;
-    let mut out = vec![0.0; grid.len()];
+    let mut out = vec![T::default(); grid.len()];
     for (first, part) in (0..rows).step_by(ROWS).zip(grid.chunks(ROWS * width)) {
         for (x, line) in out.chunks_exact_mut(rows).enumerate() {
             for (to, from) in line[first..].iter_mut().zip(part[x..].iter().step_by(width)) {

@@ -8,7 +8,7 @@
 //! peak (the spectrum falls to 0 at the band limit). Film pixel and sample grids have the same centre; samples outside the window are 0.
 
 use crate::real;
-use std::f64::consts::PI;
+use crate::spline::tensor::transposed;
 
 use crate::design::pupil::quadrature::unit_interval;
 
@@ -73,28 +73,14 @@ impl FilmPixels {
     }
 }
 
-/// Transposes rows of `width` values.
-fn transposed(from: &[f64], width: usize) -> Vec<f64> {
-    let height = from.len() / width;
-    let mut to = Vec::with_capacity(from.len());
-    for x in 0..width {
-        to.extend((0..height).map(|y| from[y * width + x]));
-    }
-    to
-}
-
 fn interpolant(u: f64) -> f64 {
-    let x = u / HALF as f64;
-    if x.abs() >= 1.0 {
-        return 0.0;
-    }
-    let sinc = if u == 0.0 { 1.0 } else { real::sin(PI * u) / (PI * u) };
-    sinc * real::bessel_i0(SHAPE * (1.0 - x * x).sqrt()) / real::bessel_i0(SHAPE)
+    real::kaiser_sinc(u, HALF as f64, SHAPE)
 }
 
 #[cfg(test)]
 mod tests {
     use super::*;
+    use std::f64::consts::PI;
 
     #[test]
     fn band_limited_pattern_is_integrated_exactly() {

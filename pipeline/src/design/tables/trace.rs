@@ -287,7 +287,10 @@ impl<'a> LensTrace<'a> {
                 pupils.keep(&chosen.heights);
                 pupils.prepare(chosen.heights.iter().copied())?;
                 let bytes = 4 * grid.size().pow(2) * chosen.heights.len();
-                let stack = stack(&pupils, &grid, &chosen.heights, bytes <= self.max_psf_bytes);
+                let stack = match bytes <= self.max_psf_bytes {
+                    true => stack(&pupils, &grid, &chosen.heights),
+                    false => (empty_stack(&grid), energies(&pupils, &grid, &chosen.heights)),
+                };
                 (stack, PupilStack::new(&grid, pupils.into_functions(&chosen.heights)))
             }
             Some((tracers, light)) => {
@@ -393,33 +396,36 @@ fn energy_between(computed: &[(f64, f64)], height: f64) -> f64 {
     lagrange(&computed[first..computed.len().min(first + 4)], height)
 }
 
-/// The PSFs at `heights`, each of sum 1, without samples unless they are `kept`, and their shares of energy in the window.
-fn stack(pupils: &Pupils<'_>, grid: &PsfGrid, heights: &[f64], kept: bool) -> (PsfStack, Vec<f64>) {
+/// The shares of energy in the window of the PSFs at `heights`, computed at about [`ENERGIES`] of them.
+fn energies(pupils: &Pupils<'_>, grid: &PsfGrid, heights: &[f64]) -> Vec<f64> {
+    let (step, last) = (heights.len().div_ceil(ENERGIES), heights.len() - 1);
+    let computed: Vec<usize> = (0..last).step_by(step).chain([last]).collect();
+    let computed: Vec<(f64, f64)> = computed
+        .par_iter()
+        .map_init(<(PsfScratch, Vec<f32>)>::default, |(scratch, psf), k| {
+            grid.psf_into(pupils.at(heights[*k]), 0.0, scratch, psf);
+            (heights[*k], energy(psf))
+        })
+        .collect();
+    heights.iter().map(|height| energy_between(&computed, *height)).collect()
+}
+
+/// A stack on `grid` without PSFs.
+fn empty_stack(grid: &PsfGrid) -> PsfStack {
+    PsfStack { size: grid.size(), pitch_um: grid.pitch_um(), sample: PsfSample::Point, samples: Vec::new() }
+}
+
+/// The PSFs at `heights`, each of sum 1, and their shares of energy in the window.
+fn stack(pupils: &Pupils<'_>, grid: &PsfGrid, heights: &[f64]) -> (PsfStack, Vec<f64>) {
     let n = grid.size();
-    let mut stack =
-        PsfStack { size: n, pitch_um: grid.pitch_um(), sample: PsfSample::Point, samples: Vec::new() };
-    let psf = |(scratch, psf): &mut (PsfScratch, Vec<f32>), height: &f64| {
-        grid.psf_into(pupils.at(*height), 0.0, scratch, psf);
-    };
-    if !kept {
-        let step = heights.len().div_ceil(ENERGIES).max(1);
-        let last = heights.len() - 1;
-        let computed: Vec<usize> = (0..last).step_by(step).chain([last]).collect();
-        let energies = computed.par_iter().map_init(<(PsfScratch, Vec<f32>)>::default, |scratch, k| {
-            psf(scratch, &heights[*k]);
-            (heights[*k], energy(&scratch.1))
-        });
-        let energies: Vec<(f64, f64)> = energies.collect();
-        return (stack, heights.iter().map(|height| energy_between(&energies, *height)).collect());
-    }
-    stack.samples.resize(n * n * heights.len(), 0.0);
+    let mut stack = PsfStack { samples: vec![0.0; n * n * heights.len()], ..empty_stack(grid) };
     let energy = stack
         .samples
         .par_chunks_exact_mut(n * n)
         .zip(heights)
-        .map_init(<(PsfScratch, Vec<f32>)>::default, |scratch, (out, height)| {
-            psf(scratch, height);
-            normalise(&scratch.1, out)
+        .map_init(<(PsfScratch, Vec<f32>)>::default, |(scratch, psf), (out, h)| {
+            grid.psf_into(pupils.at(*h), 0.0, scratch, psf);
+            normalise(psf, out)
         })
         .collect();
     (stack, energy)
