@@ -15,6 +15,8 @@ pub trait Scalar:
     fn value(self) -> f64;
     /// Square root.
     fn sqrt(self) -> Self;
+    /// Times a constant.
+    fn times(self, factor: f64) -> Self;
 }
 
 impl Scalar for f64 {
@@ -26,6 +28,9 @@ impl Scalar for f64 {
     }
     fn sqrt(self) -> Self {
         f64::sqrt(self)
+    }
+    fn times(self, factor: f64) -> Self {
+        self * factor
     }
 }
 
@@ -98,5 +103,8 @@ impl Scalar for Dual {
         let v = self.v.sqrt();
         let slope = 0.5 / v;
         Self::new(v, slope * self.d[0], slope * self.d[1])
+    }
+    fn times(self, factor: f64) -> Self {
+        Self::new(self.v * factor, self.d[0] * factor, self.d[1] * factor)
     }
 }

@@ -32,6 +32,8 @@ pub enum Stopped {
     Reflected,
 }
 
+/// Steps of Newton's method at most.
+const MAX_STEPS: usize = 50;
 /// Convergence limit of Newton's method, mm: 1e-9 of a wavelength.
 const SAG_TOLERANCE_MM: f64 = 1e-13;
 
@@ -46,15 +48,14 @@ impl<T: Scalar> Ray<T> {
     /// # Errors
     /// [`Stopped::Reflected`].
     pub(in crate::design) fn refract(&mut self, normal: [T; 3], ratio: f64) -> Result<(), Stopped> {
-        let mu = T::of(ratio);
         let cos1 = self.cosine(normal);
-        let root = T::of(1.0) - mu * mu * (T::of(1.0) - cos1 * cos1);
+        let root = T::of(1.0) - (T::of(1.0) - cos1 * cos1).times(ratio * ratio);
         if root.value() < 0.0 || cos1.value() <= 0.0 {
             return Err(Stopped::Reflected);
         }
-        let gamma = root.sqrt() - mu * cos1;
+        let gamma = root.sqrt() - cos1.times(ratio);
         for (d, n) in self.d.iter_mut().zip(normal) {
-            *d = mu * *d + gamma * n;
+            *d = d.times(ratio) + gamma * n;
         }
         Ok(())
     }
@@ -85,15 +86,17 @@ impl Shape {
         }
         advance(ray, travelled);
         if !self.is_flat() {
-            let c = T::of(self.curvature);
-            let k = T::of(self.conic);
+            let (c, k) = (self.curvature, self.conic);
             let [x, y, _] = ray.p;
             let [l, m, nz] = ray.d;
             // c (x² + y² + (1+κ) z²) − 2 z = 0 along the ray; t = F / (G + √(G² − A F)), the root that is 0 at c = 0.
-            let f = c * (x * x + y * y);
-            let g = nz - c * (x * l + y * m);
-            let a = c * (T::of(1.0) + k * nz * nz);
-            let root = g * g - a * f;
+            let f = (x * x + y * y).times(c);
+            let g = nz - (x * l + y * m).times(c);
+            let af = match k == 0.0 {
+                true => f.times(c),
+                false => (T::of(1.0) + nz.times(k) * nz).times(c) * f,
+            };
+            let root = g * g - af;
             if root.value() < 0.0 || !root.value().is_finite() {
                 return Err(Stopped::Misses);
             }
@@ -107,32 +110,42 @@ impl Shape {
                 travelled = travelled + self.newton(ray)?;
             }
         }
-        ray.path = ray.path + T::of(n) * travelled;
+        ray.path = ray.path + travelled.times(n);
         Ok(())
     }
 
+    /// Newton's method from the conic on: steps of values, then one with derivatives, which has those of all: where the value has converged, they follow from the
+    /// surface there.
     fn newton<T: Scalar>(&self, ray: &mut Ray<T>) -> Result<T, Stopped> {
+        let mut values = Ray { p: ray.p.map(T::value), d: ray.d.map(T::value), path: 0.0 };
         let mut total = T::of(0.0);
         let mut converged = 0;
-        for _ in 0..50 {
-            let [x, y, z] = ray.p;
-            let (sag, slope) = self.sag(x * x + y * y).ok_or(Stopped::Misses)?;
-            let closing = ray.d[2] - slope * (x * ray.d[0] + y * ray.d[1]);
-            let t = (sag - z) / closing;
-            if !t.value().is_finite() {
-                return Err(Stopped::Misses);
-            }
-            advance(ray, t);
-            total = total + t;
-            // Two steps past convergence: the derivatives converge one step after the value.
-            if t.value().abs() < SAG_TOLERANCE_MM {
+        for _ in 0..MAX_STEPS {
+            let t = self.step(&values)?;
+            if t.abs() < SAG_TOLERANCE_MM {
                 converged += 1;
                 if converged == 2 {
-                    return Ok(total);
+                    let t = self.step(ray)?;
+                    advance(ray, t);
+                    return Ok(total + t);
                 }
             }
+            advance(&mut values, t);
+            for (p, d) in ray.p.iter_mut().zip(ray.d) {
+                *p = *p + d.times(t);
+            }
+            total = total + T::of(t);
         }
         Err(Stopped::Misses)
+    }
+
+    /// A step of Newton's method along `ray`.
+    fn step<T: Scalar>(&self, ray: &Ray<T>) -> Result<T, Stopped> {
+        let [x, y, z] = ray.p;
+        let (sag, slope) = self.sag(x * x + y * y).ok_or(Stopped::Misses)?;
+        let closing = ray.d[2] - slope * (x * ray.d[0] + y * ray.d[1]);
+        let t = (sag - z) / closing;
+        if t.value().is_finite() { Ok(t) } else { Err(Stopped::Misses) }
     }
 
     /// Sag at distance `r_mm` from the axis, mm; none beyond the edge of a conic.
@@ -142,26 +155,26 @@ impl Shape {
 
     /// Sag and (1/r) d(sag)/dr at r²; none beyond the edge of a conic.
     fn sag<T: Scalar>(&self, r2: T) -> Option<(T, T)> {
-        let c = T::of(self.curvature);
-        let root2 = T::of(1.0) - T::of((1.0 + self.conic) * self.curvature * self.curvature) * r2;
+        let c = self.curvature;
+        let root2 = T::of(1.0) - r2.times((1.0 + self.conic) * c * c);
         if root2.value() <= 0.0 {
             return None;
         }
         let root = root2.sqrt();
-        let mut sag = c * r2 / (T::of(1.0) + root);
-        let mut slope = c / root;
+        let mut sag = r2.times(c) / (T::of(1.0) + root);
+        let mut slope = T::of(c) / root;
         let mut power = T::of(1.0);
         for (i, a) in self.aspheric.iter().enumerate() {
-            slope = slope + T::of(2.0 * (i + 1) as f64 * a) * power;
+            slope = slope + power.times(2.0 * (i + 1) as f64 * a);
             power = power * r2;
-            sag = sag + T::of(*a) * power;
+            sag = sag + power.times(*a);
         }
         // At the vertex r, and with it odd powers, vanish; their slope there is taken as 0.
         if !self.odd.is_empty() && r2.value() > 0.0 {
             let mut power = r2.sqrt();
             for (i, b) in self.odd.iter().enumerate() {
-                sag = sag + T::of(*b) * power;
-                slope = slope + T::of((2 * i + 1) as f64 * b) * power / r2;
+                sag = sag + power.times(*b);
+                slope = slope + power.times((2 * i + 1) as f64 * b) / r2;
                 power = power * r2;
             }
         }
@@ -195,8 +208,8 @@ impl Shape {
             [T::of(0.0), T::of(0.0), T::of(1.0)]
         } else if self.conic == 0.0 && !self.is_aspheric() {
             // The normal of a sphere points to its centre.
-            let c = T::of(self.curvature);
-            let normal = [-c * ray.p[0], -c * ray.p[1], T::of(1.0) - c * ray.p[2]];
+            let c = self.curvature;
+            let normal = [ray.p[0].times(-c), ray.p[1].times(-c), T::of(1.0) - ray.p[2].times(c)];
             if normal[2].value() <= 0.0 {
                 return Err(Stopped::Misses);
             }
