@@ -9,13 +9,15 @@
 //! ```
 //! C/r³ is the mean light that the edge of the pupil diffracts, I_rays the density of rays on the film. e = 1 and s ≤ 1 the factor with which the light of all is 1; where s = 1 is too
 //! little, e is above 1, up to 1.5. What then is missing, below 1e-3, is in the core. Rays are poor near their caustics, whose light waves have farther inside.
+//! The samples of the Huygens sum are up to 1.8 times as far apart as those of the PSFs: what they alias then, the light at frequencies near the limit of diffraction, comes to lie at
+//! frequencies that the sums over samples of the middle part hardly have.
 //! Images are widened by weights of ¼, ½, ¼ along both axes, so that the spline between samples and the bins have no ringing at the border of the blur.
 //!
 //! A ray has the light of its cell of the pupil, which lands on a parallelogram: by derivatives of the landing place by the pupil coordinates.
 
 use rayon::prelude::*;
 
-use super::tails::{NoTail, blur_um, power_laws};
+use super::tails::{COARSER, NoTail, blur_um, power_laws};
 use super::{PsfGrid, PsfScratch};
 use crate::design::prescription::error::DesignError;
 use crate::design::pupil::bundle::Bundle;
@@ -31,8 +33,10 @@ const SAMPLES: usize = 129;
 const RADIUS: f64 = 1.3;
 /// Half windows that R may be.
 const LARGEST: f64 = 8.0;
-/// Samples of the Huygens sum to either side, at most.
+/// Samples of the PSFs up to which the Huygens sum reaches to either side, at most.
 const MAX_HALF: usize = 900;
+/// Samples of the Huygens sum along a sample of the middle part, at least: with 3.3 half planes through a caustic had errors of 7e-3 of white.
+const LEAST_PLACES: f64 = 6.0;
 /// Rays of a height, along and around the pupil.
 const RAYS: (usize, usize) = (24, 40);
 /// Factor of the edge's light at most.
@@ -76,7 +80,9 @@ fn tail_with_middle(
         return Ok(Err(none));
     }
     let half = ((radius_um / pitch_um).ceil() as usize).min(max_half).max(window / 2);
-    let grid = PsfGrid::new(half, pitch_um);
+    let step_um = 2.0 * radius_um / SAMPLES as f64;
+    let coarser = (step_um / (LEAST_PLACES * pitch_um)).clamp(1.0, COARSER);
+    let grid = PsfGrid::new((half as f64 / coarser).ceil() as usize, coarser * pitch_um);
     let at_height = |(h, edge): (&f64, &Edge)| {
         let mut psf = Vec::new();
         grid.psf_into(pupils.at(*h), 0.0, &mut PsfScratch::default(), &mut psf);
@@ -97,8 +103,7 @@ fn tail_with_middle(
     let found: Vec<(Coefficients, Vec<f32>)> =
         heights.par_iter().zip(edges).map(at_height).collect::<Result<_, DesignError>>()?;
     let (coefficients, images): (Vec<_>, Vec<_>) = found.into_iter().unzip();
-    let pitch_mm = 2e-3 * radius_um / SAMPLES as f64;
-    let middle = Middle { size: SAMPLES, pitch_mm, samples: images.concat().into() };
+    let middle = Middle { size: SAMPLES, pitch_mm: 1e-3 * step_um, samples: images.concat().into() };
     let (inner_mm, height_mm) = (1e-3 * radius_um, heights.to_vec());
     Ok(Ok(BandTail { inner_mm, height_mm, coefficients, middle: Some(middle) }))
 }

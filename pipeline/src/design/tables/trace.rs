@@ -44,7 +44,7 @@ pub const TRACER_VERSION: u32 = 9;
 pub const NODES_VERSION: u32 = 4;
 
 /// Incremented when tails for the same design and options change.
-pub const TAILS_VERSION: u32 = 5;
+pub const TAILS_VERSION: u32 = 6;
 
 /// Runs `work` with `threads` threads for its rays and sums; the results do not depend on their number.
 pub fn with_threads<T: Send>(threads: usize, work: impl FnOnce() -> T + Send) -> T {

@@ -14,6 +14,7 @@ use rayon::prelude::*;
 use super::options::TraceOptions;
 use super::refine::max_side;
 use crate::design::prescription::error::DesignError;
+use crate::design::psf::squares::{squares, within};
 use crate::design::psf::tails::CLEAR;
 use crate::design::psf::{PsfGrid, PsfScratch, PupilFunction};
 use crate::design::pupil::bundle::Bundle;
@@ -193,30 +194,4 @@ pub(in crate::design) fn half_samples(px: usize, film_pitch_um: f64, pitch_um: f
 /// Maximum odd number of film pixels, at least 3, that `side` samples cover.
 fn odd_pixels(side: usize, pitch_um: f64, film_pitch_um: f64) -> usize {
     (((side as f64 * pitch_um / film_pitch_um) as usize).max(4) - 1) | 1
-}
-
-/// Share in the centred square of 2i + 1 samples a side, for every i.
-fn squares(psf: &[f32], n: usize) -> Vec<f64> {
-    let half = n / 2;
-    let mut rings = vec![0.0; half + 1];
-    for (y, row) in psf.chunks_exact(n).enumerate() {
-        for (x, v) in row.iter().enumerate() {
-            rings[y.abs_diff(half).max(x.abs_diff(half))] += f64::from(*v);
-        }
-    }
-    rings
-        .iter()
-        .scan(0.0, |sum, r| {
-            *sum += r;
-            Some(*sum)
-        })
-        .collect()
-}
-
-/// Share in the centred square of `side` samples a side, interpolated between `squares`.
-fn within(squares: &[f64], side: f64) -> f64 {
-    let at = (0.5 * (side - 1.0)).max(0.0);
-    let i = (at as usize).min(squares.len() - 1);
-    let next = squares[(i + 1).min(squares.len() - 1)];
-    squares[i] + (at - i as f64).min(1.0) * (next - squares[i])
 }
