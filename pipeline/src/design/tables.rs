@@ -8,6 +8,7 @@ pub(in crate::design) mod grid;
 pub(in crate::design) mod kernels;
 mod lens_header;
 mod options;
+mod probing;
 pub(in crate::design) mod refine;
 mod relaxation;
 pub(in crate::design) mod sampled;

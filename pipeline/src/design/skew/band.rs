@@ -50,7 +50,7 @@ impl Sampling {
         };
         let windows = match options.window_px {
             Some(px) => Windows { px, core_px: px },
-            None => search(options, found, pitch_um, first_px)?,
+            None => search(options, found, pitch_um, first_px)?.windows,
         };
         Ok(Self { windows, pitch_um })
     }

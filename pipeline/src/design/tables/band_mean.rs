@@ -18,7 +18,7 @@
 use rayon::prelude::*;
 
 use super::options::TraceOptions;
-use super::window::{Windows, window};
+use super::window::window;
 use crate::design::prescription::error::DesignError;
 use crate::design::prescription::system::System;
 use crate::design::psf::pupil_stack::normalise;
@@ -162,8 +162,8 @@ impl<'a> BandTracers<'a> {
         }
         let mut shift_um = 0.0_f64;
         for ((_, tracer), (heights, pupils)) in self.tracers.iter().zip(&all) {
-            let Windows { px, .. } = window(options, tracer, (heights, pupils), pitch_um)?;
-            window_px = window_px.max(px);
+            let found = window(options, tracer, (heights, pupils), pitch_um)?;
+            window_px = window_px.max(found.windows.px);
             shift_um =
                 heights.iter().zip(first_mm).fold(shift_um, |most, (a, b)| most.max(1e3 * (a - b).abs()));
         }

@@ -9,7 +9,7 @@
 //! Budget: if the tolerance needs more than a quarter of `max_nodes` nodes, or more samples or PSFs than go with them ([`super::refine`]), spacings grow by a common factor until they fit, which keeps the error equal over the field and so its maximum
 //! minimal; the factor is at most [`TraceOptions::excess`], unless that needs more than `max_nodes`. Then the cells of the largest errors are refined as far as the budget allows. Where samples or PSFs limit the heights, azimuths, which need neither, keep up to a quarter of
 //! the error ([`super::relaxation`]).
-//! Kernels are compared in the window of 95 % of the light ([`super::window`]).
+//! Kernels are compared in the core of the window, or mostly in its inner part ([`super::kernels`]).
 //! Neighbouring wavelengths need nearly the same nodes: [`adopt`] takes those of another one if a few cells, measured at both, agree.
 //! Rotated PSFs are exact here (the pupil is rotated, not the image); the film's kernels have an additional rotation error.
 
@@ -17,11 +17,11 @@ use std::f64::consts::PI;
 
 use rayon::prelude::*;
 
-use super::kernels::{Kernels, l1, mean};
+use super::kernels::{Compared, Kernels, l1, mean};
 use super::options::{Azimuths, PsfHeights, TraceOptions};
+use super::probing::{COMPARED, LEAST_ERROR, azimuths_needed, between, evenly, spacing_allowed};
 use super::refine::{
-    Budget, CellError, MAX_AZIMUTHS, MIN_PSFS, NodeError, Refinement, max_heights, max_psfs, round_azimuths,
-    summary,
+    Budget, CellError, MIN_PSFS, NodeError, Refinement, max_heights, max_psfs, round_azimuths, summary,
 };
 use super::relaxation::Relaxation;
 use crate::design::prescription::error::DesignError;
@@ -50,11 +50,13 @@ pub(crate) struct Chosen {
     pub(crate) azimuths: Vec<usize>,
     pub(crate) error: Option<NodeError>,
     cells: Vec<f64>,
+    /// Those in the inner part of the core, if kernels were compared there.
+    inner_cells: Option<Vec<f64>>,
 }
 
 /// Chooses heights from 0 to `last_mm` and their azimuth counts, for PSFs of `sides`: samples a side, and of those that films use.
-pub(crate) fn choose(
-    kernels: &mut Kernels<'_>,
+pub(super) fn choose(
+    compared: &mut Compared<'_>,
     pupils: &mut Pupils<'_>,
     options: &TraceOptions,
     (last_mm, sides): (f64, (usize, usize)),
@@ -64,27 +66,28 @@ pub(crate) fn choose(
         PsfHeights::Given(h) => Some(h.clone()),
         PsfHeights::ByError => None,
     };
-    let with_axis = |heights: Vec<f64>, azimuths: Vec<usize>, error, cells| {
+    let with_axis = |heights: Vec<f64>, azimuths: Vec<usize>, error, (cells, inner_cells)| {
         let azimuths = azimuths.into_iter().enumerate().map(|(k, j)| if k == 0 { 1 } else { j }).collect();
-        Chosen { heights, azimuths, error, cells }
+        Chosen { heights, azimuths, error, cells, inner_cells }
     };
     if let (Some(heights), Azimuths::Given(j)) = (&given, options.azimuths) {
-        return Ok(with_axis(heights.clone(), vec![j; heights.len()], None, Vec::new()));
+        return Ok(with_axis(heights.clone(), vec![j; heights.len()], None, (Vec::new(), None)));
     }
     let tolerance = GRID_SHARE * options.psf_tolerance;
     let part = 0.5 * tolerance;
-    let max_psfs = max_psfs(options, pupils.mean(|f| kernels.grid().work(f)));
+    let max_psfs = max_psfs(options, pupils.mean(|f| compared.grid().work(f)));
+    let Compared { most: kernels, some } = compared;
     let allows = |(probes, each): &&(usize, usize)| max_psfs >= probes * each;
     let probe_count = PROBES.iter().find(allows).map_or(3, |(probes, _)| *probes);
     let probes: Vec<f64> = (1..=probe_count).map(|i| last_mm * i as f64 / probe_count as f64).collect();
     report("probing", 0);
     let azimuth_need = match options.azimuths {
         Azimuths::Given(j) => vec![j as f64; probe_count],
-        Azimuths::ByError => probe_azimuths(kernels, pupils, &probes, part, report)?,
+        Azimuths::ByError => azimuths_needed((kernels, some.as_mut()), pupils, &probes, part, report)?,
     };
     let spacing = match &given {
         Some(_) => None,
-        None => Some(probe_heights(kernels, pupils, &probes, part, report)?),
+        None => Some(spacing_allowed((kernels, some.as_mut()), pupils, &probes, part, report)?),
     };
     let left = max_psfs.saturating_sub(kernels.len()).max(MIN_PSFS / 2);
     let (free_heights, free_azimuths) = (given.is_none(), options.azimuths == Azimuths::ByError);
@@ -123,11 +126,24 @@ pub(crate) fn choose(
     let mut limited = relaxed.radial > options.excess;
     let goal = tolerance * relaxed.mean();
     kernels.clear();
+    if let Some(kernels) = some {
+        kernels.clear();
+    }
     pupils.keep(&[]);
     let mut errors = Vec::new();
+    let mut ratio: Option<(Vec<f64>, Vec<f64>)> = None;
     for round in 0..MAX_ROUNDS {
         let measured = cells_to_measure(kernels, (&heights, &azimuths));
-        let found = check(kernels, pupils, (&heights, &azimuths), &measured, report)?;
+        let nodes = (&heights[..], &azimuths[..]);
+        let mut found = check(kernels, pupils, nodes, &measured, report)?;
+        if let (Some(kernels), None) = (some.as_mut(), &ratio) {
+            ratio = Some(ratio_to(kernels, pupils, nodes, (&measured, &found), report)?);
+        }
+        if let Some((at, ratio)) = &ratio {
+            for (error, k) in found.iter_mut().zip(&measured) {
+                error.scale(between(at, ratio, middle(&heights, *k)));
+            }
+        }
         errors = of_all_cells(&measured, &found, heights.len() - 1);
         let worst = errors.iter().map(|e: &CellError| e.total).fold(0.0, f64::max);
         if worst <= goal || round + 1 == MAX_ROUNDS {
@@ -156,20 +172,31 @@ pub(crate) fn choose(
     }
     let mut error = summary(&errors, &heights, limited);
     error.limited &= error.worst > options.excess * options.psf_tolerance;
-    Ok(with_axis(heights, azimuths, Some(error), errors.iter().map(|e| e.total).collect()))
+    let cells: Vec<f64> = errors.iter().map(|e| e.total).collect();
+    let inner_cells = ratio.map(|(at, ratio)| {
+        let inner = |(i, e): (usize, &f64)| e / between(&at, &ratio, middle(&heights, i + 1));
+        cells.iter().enumerate().map(inner).collect()
+    });
+    Ok(with_axis(heights, azimuths, Some(error), (cells, inner_cells)))
 }
 
 /// The nodes `other` of a neighbouring wavelength with their error here, estimated from a few cells; none if it exceeds the tolerance and the
 /// error there by too much.
-pub(crate) fn adopt(
-    kernels: &mut Kernels<'_>,
+pub(super) fn adopt(
+    Compared { most, some }: &mut Compared<'_>,
     pupils: &mut Pupils<'_>,
     tolerance: f64,
     other: &Chosen,
     report: &mut dyn FnMut(&'static str, usize),
 ) -> Result<Option<Chosen>, DesignError> {
     let Some(there) = other.error else { return Ok(None) };
-    let count = other.cells.len();
+    // Both in the inner part of the core, or both in the core.
+    let (kernels, known) = match (some, &other.inner_cells) {
+        (Some(_), Some(inner)) => (most, inner),
+        (Some(core), None) => (core, &other.cells),
+        (None, _) => (most, &other.cells),
+    };
+    let count = known.len();
     // That of the largest error, and others over the whole field.
     let worst = (0..count).max_by(|a, b| other.cells[*a].total_cmp(&other.cells[*b])).unwrap_or(0);
     let mut cells: Vec<usize> = (1..ADOPTED_CELLS).map(|i| i * (count - 1) / (ADOPTED_CELLS - 1)).collect();
@@ -178,7 +205,7 @@ pub(crate) fn adopt(
     cells.dedup();
     let measured: Vec<usize> = cells.iter().map(|cell| cell + 1).collect();
     let errors = check(kernels, pupils, (&other.heights, &other.azimuths), &measured, report)?;
-    let ratios: Vec<f64> = errors.iter().zip(&cells).map(|(e, cell)| e.total / other.cells[*cell]).collect();
+    let ratios: Vec<f64> = errors.iter().zip(&cells).map(|(e, cell)| e.total / known[*cell]).collect();
     let largest = ratios.iter().copied().fold(0.0, f64::max);
     let mean = ratios.iter().sum::<f64>() / ratios.len() as f64;
     let error = NodeError { worst: largest * there.worst, median: mean * there.median, ..there };
@@ -238,6 +265,7 @@ fn check(
 ) -> Result<Vec<CellError>, DesignError> {
     let requested: Vec<(f64, f64)> =
         cells.iter().flat_map(|k| kernels_of_cell((heights, azimuths), *k)).collect();
+    report("checking", 0);
     report("checking", kernels.fill(pupils, &requested)?);
     let kernels = &*kernels;
     let between = |k: usize| kernels.mean_with_mirror(kernels.at(heights[k], half_step(azimuths, k)));
@@ -257,60 +285,24 @@ fn check(
         .collect())
 }
 
-/// Azimuths needed at the probing heights for an error of `part`, not rounded.
-fn probe_azimuths(
-    kernels: &mut Kernels<'_>,
-    pupils: &mut Pupils<'_>,
-    probes: &[f64],
-    part: f64,
-    report: &mut dyn FnMut(&'static str, usize),
-) -> Result<Vec<f64>, DesignError> {
-    let mut need = vec![96.0_f64; probes.len()];
-    // The square law holds for small errors only: the second pass starts near the result.
-    for _ in 0..2 {
-        let step = |i: usize, need: &[f64]| PI / need[i];
-        let requested: Vec<(f64, f64)> =
-            probes.iter().enumerate().flat_map(|(i, h)| [(*h, 0.0), (*h, step(i, &need))]).collect();
-        report("probing", kernels.fill(pupils, &requested)?);
-        for (i, h) in probes.iter().enumerate() {
-            let between = kernels.mean_with_mirror(kernels.at(*h, step(i, &need)));
-            let error = l1(&between, kernels.at(*h, 0.0));
-            need[i] = (need[i] * (error / part).sqrt()).clamp(8.0, MAX_AZIMUTHS as f64);
-        }
-    }
-    Ok(need)
+/// The middle between the heights of cell `k`, mm.
+fn middle(heights: &[f64], k: usize) -> f64 {
+    0.5 * (heights[k - 1] + heights[k])
 }
 
-/// Spacing of heights [mm] allowed at the probing heights for an error of `part`.
-fn probe_heights(
+/// Errors in the core, whose `kernels` are compared, over those `found` in its inner part, in [`COMPARED`] of the cells `measured`; by the middles of the cells, mm.
+fn ratio_to(
     kernels: &mut Kernels<'_>,
     pupils: &mut Pupils<'_>,
-    probes: &[f64],
-    part: f64,
+    nodes: (&[f64], &[usize]),
+    (measured, found): (&[usize], &[CellError]),
     report: &mut dyn FnMut(&'static str, usize),
-) -> Result<Vec<f64>, DesignError> {
-    let last = probes[probes.len() - 1];
-    let mut half = vec![0.25_f64.min(0.25 * probes[0]); probes.len()];
-    for _ in 0..2 {
-        // Within the field, not beyond the axis.
-        let ends = |i: usize, half: &[f64]| {
-            let centre = probes[i].min(last - half[i]).max(half[i]);
-            (centre - half[i], centre, centre + half[i])
-        };
-        let requested: Vec<(f64, f64)> = (0..probes.len())
-            .flat_map(|i| {
-                let (a, c, b) = ends(i, &half);
-                [(a, 0.0), (c, 0.0), (b, 0.0)]
-            })
-            .collect();
-        report("probing", kernels.fill(pupils, &requested)?);
-        for i in 0..probes.len() {
-            let (a, c, b) = ends(i, &half);
-            let error = l1(&mean(kernels.at(a, 0.0), kernels.at(b, 0.0)), kernels.at(c, 0.0));
-            half[i] = (half[i] * (part / error.max(1e-9)).sqrt()).clamp(last * 1e-4, 0.2 * last);
-        }
-    }
-    Ok(half.into_iter().map(|h| 2.0 * h).collect())
+) -> Result<(Vec<f64>, Vec<f64>), DesignError> {
+    let some = evenly(COMPARED, measured.len());
+    let cells: Vec<usize> = some.iter().map(|i| measured[*i]).collect();
+    let errors = check(kernels, pupils, nodes, &cells, report)?;
+    let ratio = errors.iter().zip(&some).map(|(e, i)| e.total / found[*i].total.max(LEAST_ERROR));
+    Ok((cells.iter().map(|k| middle(nodes.0, *k)).collect(), ratio.collect()))
 }
 
 /// Heights from 0 to `last` whose spacing follows `spacing` at `probes`.
@@ -336,16 +328,6 @@ fn place(probes: &[f64], spacing: &[f64], last: f64) -> Vec<f64> {
     }
     heights.push(last);
     heights
-}
-
-/// Linear between the points, constant beyond.
-fn between(x: &[f64], y: &[f64], at: f64) -> f64 {
-    let i = x.partition_point(|v| *v < at);
-    match i {
-        0 => y[0],
-        _ if i == x.len() => y[i - 1],
-        _ => y[i - 1] + (y[i] - y[i - 1]) * (at - x[i - 1]) / (x[i] - x[i - 1]),
-    }
 }
 
 #[cfg(test)]

@@ -1,9 +1,14 @@
 //! Film-pixel kernels of one band at any height and azimuth, with exact rotation.
+//!
+//! Kernels are compared in the core of their windows ([`super::window`]). The core of a fast lens with wide aberrations is wide: most kernels are then compared
+//! in the inner part of the core, which has a quarter to three quarters of its side, and some in all of it, whose errors are larger: errors
+//! of the others are those of the inner part times that ratio, linear between the heights where it is known.
 
 use std::collections::BTreeMap;
 
 use rayon::prelude::*;
 
+use super::window::core_samples;
 use crate::design::prescription::error::DesignError;
 use crate::design::psf::film_pixel::FilmPixels;
 use crate::design::psf::{PsfGrid, PsfScratch, PupilFunction};
@@ -24,16 +29,60 @@ pub(crate) struct Kernels<'a> {
     computed: BTreeMap<Key, Vec<f32>>,
 }
 
+/// Side of the core from which on its inner part is compared, samples, and the largest part of the side that pays.
+const WIDE_CORE: usize = 301;
+const INNER_SIDE: f64 = 0.75;
+
+/// A window in which kernels are compared.
+#[derive(Debug)]
+pub(in crate::design) struct Core {
+    pub(in crate::design) px: usize,
+    pub(super) grid: PsfGrid,
+}
+
+impl Core {
+    /// That of `px` film pixels, of PSFs whose samples in a pack have `pitch_um`.
+    pub(super) fn new(px: usize, film_pitch_um: f64, pitch_um: f64) -> Self {
+        let (half, pitch_um) = core_samples(px, film_pitch_um, pitch_um);
+        Self { px, grid: PsfGrid::new(half, pitch_um) }
+    }
+
+    /// Its inner part of `px` film pixels, if comparing there pays.
+    pub(super) fn inner(&self, px: usize, film_pitch_um: f64, pitch_um: f64) -> Option<Self> {
+        let pays = self.grid.size() >= WIDE_CORE && px as f64 <= INNER_SIDE * self.px as f64;
+        pays.then(|| Self::new(px, film_pitch_um, pitch_um))
+    }
+}
+
+/// Kernels of a band whose differences choose its nodes.
+pub(super) struct Compared<'a> {
+    /// In the inner part of the core, if there is one, else in the core.
+    pub(super) most: Kernels<'a>,
+    /// In the core, if there is an inner part.
+    pub(super) some: Option<Kernels<'a>>,
+}
+
+impl<'a> Compared<'a> {
+    /// Kernels of `core` and of its `inner` part.
+    pub(super) fn new(core: &'a Core, inner: Option<&'a Core>, film_pitch_um: f64) -> Self {
+        let kernels = |core: &'a Core| Kernels::new(&core.grid, core.px, film_pitch_um);
+        match inner {
+            None => Self { most: kernels(core), some: None },
+            Some(inner) => Self { most: kernels(inner), some: Some(kernels(core)) },
+        }
+    }
+
+    /// Samples of the PSFs of the core.
+    pub(super) fn grid(&self) -> &PsfGrid {
+        self.some.as_ref().unwrap_or(&self.most).grid
+    }
+}
+
 impl<'a> Kernels<'a> {
     /// Kernels of `size` film pixels from PSFs on `grid`.
     pub(crate) fn new(grid: &'a PsfGrid, size: usize, film_pitch_um: f64) -> Self {
         let film = FilmPixels::new(grid.size(), grid.pitch_um(), size, film_pitch_um);
         Self { grid, film, size, computed: BTreeMap::new() }
-    }
-
-    /// Samples of the PSFs.
-    pub(crate) fn grid(&self) -> &PsfGrid {
-        self.grid
     }
 
     /// Computes those of `requested` (height, azimuth) that are missing; their number.

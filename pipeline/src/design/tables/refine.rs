@@ -40,6 +40,15 @@ pub(super) struct CellError {
     pub(super) angular: f64,
 }
 
+impl CellError {
+    /// Multiplies all errors by `factor`.
+    pub(super) fn scale(&mut self, factor: f64) {
+        self.total *= factor;
+        self.radial *= factor;
+        self.angular *= factor;
+    }
+}
+
 /// Rounds up to a multiple of 8: seven of eight kernels of a height are then flips and transposes of the others.
 pub(in crate::design) fn round_azimuths(j: f64) -> usize {
     (j.clamp(8.0, MAX_AZIMUTHS as f64) as usize).next_multiple_of(8)

@@ -6,8 +6,9 @@
 
 use rayon::prelude::*;
 
+use super::kernels::Core;
 use super::trace::{LensTrace, PsfHeights, TraceOptions};
-use super::window::{Windows, core_samples, expected, for_tails, half_samples, window};
+use super::window::{SquareLight, Windows, core_samples, expected, for_tails, half_samples, window};
 use crate::design::prescription::error::DesignError;
 use crate::design::psf::PsfGrid;
 use crate::design::psf::tails::blur_um;
@@ -31,14 +32,17 @@ pub(in crate::design) struct Sampled<'t> {
     pub(in crate::design) grid: PsfGrid,
     /// Samples along a side of windows without tails, and those that films use, which the budget of nodes is for: nodes are the same with tails.
     pub(super) budget_sides: (usize, usize),
-    pub(in crate::design) core_px: usize,
-    pub(super) core: PsfGrid,
+    /// Windows in which kernels are compared.
+    pub(in crate::design) core: Core,
+    pub(super) inner: Option<Core>,
+    /// The light in squares at the first heights, where it determined the window.
+    pub(super) light: Option<SquareLight>,
 }
 
 impl Sampled<'_> {
     /// Its windows.
     pub(super) fn windows(&self) -> Windows {
-        Windows { px: self.window_px, core_px: self.core_px }
+        Windows { px: self.window_px, core_px: self.core.px }
     }
 }
 
@@ -78,16 +82,20 @@ impl LensTrace<'_> {
             PsfHeights::ByError => options.max_height_mm,
             PsfHeights::Given(h) => h.last().copied().unwrap_or(0.0),
         };
-        report("window", 0);
+        report("pupil functions", 0);
         // Those of the kernels that are examined first.
         let heights: Vec<f64> = (0..=12).map(|i| last_mm * f64::from(i) / 12.0).collect();
         let pupils = Pupils::new(tracer, &heights)?;
         let pitch_um = self.pitch(heights.iter().map(|h| pupils.at(*h).nyquist_um()))?;
+        report("window", 0);
         let is_determined = options.window_px.is_none() && self.sampling.windows.is_none();
         let given = options.window_px.map(|px| Windows { px, core_px: px }).or(self.sampling.windows);
-        let Windows { px: plain_px, core_px } = match given {
-            Some(windows) => windows,
-            None => window(options, tracer, (&heights, &pupils), pitch_um)?,
+        let (Windows { px: plain_px, core_px }, found) = match given {
+            Some(windows) => (windows, None),
+            None => {
+                let found = window(options, tracer, (&heights, &pupils), pitch_um)?;
+                (found.windows, Some(found))
+            }
         };
         let edges: Option<Vec<Edge>> = (self.tails && self.band.is_none())
             .then(|| heights.iter().map(|h| pupils.at(*h).edge(tracer.surfaces())).collect());
@@ -103,14 +111,28 @@ impl LensTrace<'_> {
             true => core_samples(window_px, options.film_pitch_um, pitch_um),
         };
         let grid = PsfGrid::new(half, psf_pitch_um);
-        let (core_half, core_pitch_um) = core_samples(core_px, options.film_pitch_um, pitch_um);
-        let core = PsfGrid::new(core_half, core_pitch_um);
+        let core = Core::new(core_px, options.film_pitch_um, pitch_um);
+        // Depth nodes, lenses as built and means over a band compare fewer kernels.
+        let inner_px = found.as_ref().filter(|_| !self.has_base_nodes).map(|found| found.inner_px);
+        let inner = inner_px.and_then(|px| core.inner(px, options.film_pitch_um, pitch_um));
+        let light = found.map(|found| found.light);
         let side = match self.sampling.is_coarse {
             false => 2 * half_samples(plain_px, options.film_pitch_um, pitch_um) + 1,
             true => grid.size(),
         };
         let budget_sides = (side, self.film_side(side, pitch_um));
-        Ok(Sampled { pupils, last_mm, first: heights, edges, window_px, grid, budget_sides, core_px, core })
+        Ok(Sampled {
+            pupils,
+            last_mm,
+            first: heights,
+            edges,
+            window_px,
+            grid,
+            budget_sides,
+            core,
+            inner,
+            light,
+        })
     }
 
     /// Samples a side that films use of many PSFs with `side` samples of `pitch_um`.

@@ -13,7 +13,7 @@ use super::band_mean::{BandSampling, BandTracers};
 use super::dense::transmission;
 pub use super::estimate::Estimate;
 use super::grid::{self, Chosen};
-use super::kernels::Kernels;
+use super::kernels::Compared;
 use super::lens_header::header;
 pub use super::lens_header::lens_header;
 pub use super::options::{Azimuths, MAX_NODES, PsfHeights, TraceOptions};
@@ -35,13 +35,13 @@ use crate::design::rays::paraxial::Paraxial;
 use crate::design::rays::ray::Tracer;
 use crate::lens::{Lens, LensBand, PsfSample, PsfStack};
 
-/// Of bands without samples of their PSFs, heights whose share of energy is computed, about; between them it is interpolated.
+/// Of bands without samples of their PSFs in windows that are given, heights whose share of energy is computed, about; between them it is interpolated.
 const ENERGIES: usize = 24;
 
 /// Incremented when the results for the same design and options change.
 pub const TRACER_VERSION: u32 = 9;
 /// Incremented when nodes or windows for the same design and options change, which packs with pupil functions have stored.
-pub const NODES_VERSION: u32 = 4;
+pub const NODES_VERSION: u32 = 5;
 
 /// Incremented when tails for the same design and options change.
 pub const TAILS_VERSION: u32 = 6;
@@ -273,7 +273,7 @@ impl<'a> LensTrace<'a> {
             sampled.window_px = window_px;
             sampled.grid = PsfGrid::new(half_samples(window_px, options.film_pitch_um, pitch_um), pitch_um);
         }
-        let Sampled { mut pupils, grid, window_px, first, edges, .. } = sampled;
+        let Sampled { mut pupils, grid, window_px, first, edges, light: square_light, .. } = sampled;
         let tail = match &edges {
             None => None,
             Some(edges) => {
@@ -289,7 +289,15 @@ impl<'a> LensTrace<'a> {
                 let bytes = 4 * grid.size().pow(2) * chosen.heights.len();
                 let stack = match bytes <= self.max_psf_bytes {
                     true => stack(&pupils, &grid, &chosen.heights),
-                    false => (empty_stack(&grid), energies(&pupils, &grid, &chosen.heights)),
+                    false => {
+                        let side_um = grid.size() as f64 * grid.pitch_um();
+                        let known = square_light.and_then(|light| light.within_um(side_um));
+                        let known =
+                            known.map(|shares| std::iter::zip(first.iter().copied(), shares).collect());
+                        let known = known.unwrap_or_else(|| energies(&pupils, &grid, &chosen.heights));
+                        let at = |height: &f64| energy_between(&known, *height);
+                        (empty_stack(&grid), chosen.heights.iter().map(at).collect())
+                    }
                 };
                 (stack, PupilStack::new(&grid, pupils.into_functions(&chosen.heights)))
             }
@@ -337,8 +345,8 @@ impl<'a> LensTrace<'a> {
         sampled: &mut Sampled<'_>,
         report: &mut dyn FnMut(&'static str, usize),
     ) -> Result<Chosen, DesignError> {
-        let Sampled { pupils, last_mm, budget_sides, core_px, core, .. } = sampled;
-        let mut kernels = Kernels::new(core, *core_px, self.options.film_pitch_um);
+        let Sampled { pupils, last_mm, budget_sides, core, inner, .. } = sampled;
+        let mut kernels = Compared::new(core, inner.as_ref(), self.options.film_pitch_um);
         grid::choose(&mut kernels, pupils, &self.node_options(), (*last_mm, *budget_sides), report)
     }
 
@@ -349,8 +357,8 @@ impl<'a> LensTrace<'a> {
         other: &Chosen,
         report: &mut dyn FnMut(&'static str, usize),
     ) -> Result<Option<Chosen>, DesignError> {
-        let Sampled { pupils, core_px, core, .. } = sampled;
-        let mut kernels = Kernels::new(core, *core_px, self.options.film_pitch_um);
+        let Sampled { pupils, core, inner, .. } = sampled;
+        let mut kernels = Compared::new(core, inner.as_ref(), self.options.film_pitch_um);
         grid::adopt(&mut kernels, pupils, self.options.psf_tolerance, other, report)
     }
 }
@@ -396,18 +404,17 @@ fn energy_between(computed: &[(f64, f64)], height: f64) -> f64 {
     lagrange(&computed[first..computed.len().min(first + 4)], height)
 }
 
-/// The shares of energy in the window of the PSFs at `heights`, computed at about [`ENERGIES`] of them.
-fn energies(pupils: &Pupils<'_>, grid: &PsfGrid, heights: &[f64]) -> Vec<f64> {
+/// About [`ENERGIES`] of `heights` with the shares of energy in the window of their PSFs.
+fn energies(pupils: &Pupils<'_>, grid: &PsfGrid, heights: &[f64]) -> Vec<(f64, f64)> {
     let (step, last) = (heights.len().div_ceil(ENERGIES), heights.len() - 1);
     let computed: Vec<usize> = (0..last).step_by(step).chain([last]).collect();
-    let computed: Vec<(f64, f64)> = computed
+    computed
         .par_iter()
         .map_init(<(PsfScratch, Vec<f32>)>::default, |(scratch, psf), k| {
             grid.psf_into(pupils.at(heights[*k]), 0.0, scratch, psf);
             (heights[*k], energy(psf))
         })
-        .collect();
-    heights.iter().map(|height| energy_between(&computed, *height)).collect()
+        .collect()
 }
 
 /// A stack on `grid` without PSFs.

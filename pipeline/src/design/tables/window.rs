@@ -4,7 +4,7 @@
 //! Limits: the maximum window; and the samples that the budget of the band allows ([`super::refine`]), as long as the share of the light
 //! does not fall below 95 % (or the request) by that. A window of the maximum size that contains less is an error.
 //! With tails ([`crate::lens::tail`]) windows are larger where the rays at the edge of the pupil come near their border, and on large pixels ([`for_tails`]).
-//! Nodes are chosen by the errors of kernels in a smaller window, of 95 % of the light: it needs a fifth of the samples where diffraction
+//! Nodes are chosen by the errors of kernels in a smaller window, the *core*, of 95 % of the light: it needs a fifth of the samples where diffraction
 //! determines the windows, and the light that it leaves out has errors of the same relative size.
 //! The shares are sums of PSFs sampled 1.5 times coarser than those of the pack, still finer than the field's own Nyquist pitch, so the
 //! sums equal the integrals of |U|² but for the samples at the edges of the squares, between which they are interpolated.
@@ -27,6 +27,8 @@ const MAX_LEFT_OUT: f64 = 0.05;
 const COARSER: f64 = 1.5;
 /// Share of the light in the window in which errors of kernels are measured.
 const CORE_LIGHT: f64 = 0.95;
+/// Share of the light in the inner part of that window, in which they are compared where that window is wide ([`super::kernels`]).
+const INNER_LIGHT: f64 = 0.7;
 
 /// Samples to either side and pitch [µm] of PSFs whose kernels of `core_px` pixels are compared, not kept: coarser than `pitch_um` where a film
 /// pixel has at least two samples a side.
@@ -66,13 +68,40 @@ pub(in crate::design) struct Windows {
     pub(in crate::design) core_px: usize,
 }
 
+/// The windows that [`search`] finds, and the light in others.
+#[derive(Clone, Debug)]
+pub(in crate::design) struct Found {
+    pub(in crate::design) windows: Windows,
+    /// That of [`INNER_LIGHT`].
+    pub(super) inner_px: usize,
+    pub(super) light: SquareLight,
+}
+
+/// Shares of the light in squares about the chief ray, for each height.
+#[derive(Clone, Debug)]
+pub(super) struct SquareLight {
+    pitch_um: f64,
+    /// In squares of 1, 3, 5… samples.
+    squares: Vec<Vec<f64>>,
+}
+
+impl SquareLight {
+    /// The shares in squares of `side_um`; none if that is more than was examined.
+    pub(super) fn within_um(&self, side_um: f64) -> Option<Vec<f64>> {
+        let side = side_um / self.pitch_um;
+        let one =
+            |squares: &Vec<f64>| (side <= (2 * squares.len() - 1) as f64).then(|| within(squares, side));
+        self.squares.iter().map(one).collect()
+    }
+}
+
 /// The windows of a band.
 pub(super) fn window(
     options: &TraceOptions,
     tracer: &Tracer<'_>,
     (heights, pupils): (&[f64], &Pupils<'_>),
     pitch_um: f64,
-) -> Result<Windows, DesignError> {
+) -> Result<Found, DesignError> {
     let (film, max) = (options.film_pitch_um, options.max_window_px);
     let allowed = options.energy.min(1.0 - MAX_LEFT_OUT);
     let bundles: Vec<(f64, Bundle)> = heights
@@ -108,7 +137,7 @@ pub(in crate::design) fn search(
     functions: &[(f64, &PupilFunction)],
     pitch_um: f64,
     first: usize,
-) -> Result<Windows, DesignError> {
+) -> Result<Found, DesignError> {
     let (film, max) = (options.film_pitch_um, options.max_window_px);
     let allowed = options.energy.min(1.0 - MAX_LEFT_OUT);
     let budget = odd_pixels(max_side(options), pitch_um, film).min(max);
@@ -116,19 +145,25 @@ pub(in crate::design) fn search(
     loop {
         let coarse_um = COARSER * pitch_um;
         let grid = PsfGrid::new(half_samples(px, film, coarse_um) + 1, coarse_um);
-        let shares: Vec<Vec<f64>> = functions
+        let squares = functions
             .par_iter()
             .map_init(<(PsfScratch, Vec<f32>)>::default, |(scratch, psf), (_, function)| {
                 grid.psf_into(function, 0.0, scratch, psf);
-                let held = squares(psf, grid.size());
-                (0..=px / 2).map(|i| within(&held, (2 * i + 1) as f64 * film / coarse_um)).collect()
+                squares(psf, grid.size())
             })
+            .collect();
+        let light = SquareLight { pitch_um: coarse_um, squares };
+        let shares: Vec<Vec<f64>> = light
+            .squares
+            .iter()
+            .map(|held| (0..=px / 2).map(|i| within(held, (2 * i + 1) as f64 * film / coarse_um)).collect())
             .collect();
         let least = |energy: f64| {
             let one = |held: &Vec<f64>| (1..=px / 2).find(|i| held[*i] >= energy).map(|i| 2 * i + 1);
             shares.iter().try_fold(3, |widest, held| one(held).map(|w| widest.max(w)))
         };
         let core_px = least(options.energy.min(CORE_LIGHT)).map_or(px, |w| w + 2);
+        let inner_px = least(options.energy.min(INNER_LIGHT)).map_or(px, |w| w + 2);
         let windows = |px: usize| Windows { px, core_px: core_px.min(px) };
         let found = match (least(options.energy), least(allowed)) {
             (Some(w), _) if w <= budget => Some(w),
@@ -142,12 +177,12 @@ pub(in crate::design) fn search(
             .fold((0.0, 1.0), |a, b| if b.1 < a.1 { b } else { a });
         match found {
             // Margin for field points between the sampled ones.
-            Some(w) => return Ok(windows((w + 2).min(max))),
+            Some(w) => return Ok(Found { windows: windows((w + 2).min(max)), inner_px, light }),
             None if px >= max && held < allowed => {
                 let wavelength_um = functions.first().map_or(0.0, |(_, f)| f.wavelength_um);
                 return Err(too_wide(options, wavelength_um, height, held));
             }
-            None if px >= max => return Ok(windows(max)),
+            None if px >= max => return Ok(Found { windows: windows(max), inner_px, light }),
             None => px = (2 * px - 1).min(max),
         }
     }

@@ -42,7 +42,7 @@ impl NominalNodes {
         let mut sampled = trace.sampled(&tracer, report)?;
         let chosen = self.shared.choose(&trace, nm, &mut sampled, report)?;
         let pitch_um = sampled.grid.pitch_um();
-        let nominal = Nominal { chosen, window_px: sampled.window_px, core_px: sampled.core_px, pitch_um };
+        let nominal = Nominal { chosen, window_px: sampled.window_px, core_px: sampled.core.px, pitch_um };
         self.known.push((options.clone(), index, nominal.clone()));
         Ok(nominal)
     }

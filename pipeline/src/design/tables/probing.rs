@@ -1,0 +1,172 @@
+//! Probing: the azimuths and the spacing of heights that kernels need at a few heights, from the errors of kernels between two of them.
+//!
+//! The square law of errors holds for small errors only: a second pass starts near the result of the first one. Where kernels are compared in the inner part of the
+//! core ([`super::kernels`]), a pass in the core at some of the heights gives the ratio of what the core needs to that.
+
+use std::f64::consts::PI;
+
+use super::kernels::{Kernels, l1, mean};
+use super::refine::MAX_AZIMUTHS;
+use crate::design::prescription::error::DesignError;
+use crate::design::pupil::pupils::Pupils;
+
+/// Azimuths and spacing of heights, mm, that probing begins with.
+const FIRST_AZIMUTHS: f64 = 96.0;
+const FIRST_SPACING_MM: f64 = 0.5;
+/// Passes of probing.
+const PASSES: usize = 2;
+/// Heights or cells where the core is compared with its inner part.
+pub(super) const COMPARED: usize = 4;
+/// Least error that is divided by.
+pub(super) const LEAST_ERROR: f64 = 1e-9;
+
+/// Kernels that are compared, and those of the core where the former are of its inner part.
+pub(super) type Pair<'k, 'a> = (&'k mut Kernels<'a>, Option<&'k mut Kernels<'a>>);
+
+/// Azimuths needed at the heights `probes` [mm] for an error of `part`, not rounded.
+pub(super) fn azimuths_needed(
+    (kernels, core): Pair<'_, '_>,
+    pupils: &mut Pupils<'_>,
+    probes: &[f64],
+    part: f64,
+    report: &mut dyn FnMut(&'static str, usize),
+) -> Result<Vec<f64>, DesignError> {
+    let first = (vec![FIRST_AZIMUTHS; probes.len()], PASSES);
+    let need = probe_azimuths(kernels, pupils, (probes, part), first, report)?;
+    corrected(probes, need, core, |kernels, some, need| {
+        probe_azimuths(kernels, pupils, (some, part), (need, 1), report)
+    })
+}
+
+/// Spacing of heights [mm] allowed at the heights `probes` [mm] for an error of `part`.
+pub(super) fn spacing_allowed(
+    (kernels, core): Pair<'_, '_>,
+    pupils: &mut Pupils<'_>,
+    probes: &[f64],
+    part: f64,
+    report: &mut dyn FnMut(&'static str, usize),
+) -> Result<Vec<f64>, DesignError> {
+    let first = (vec![FIRST_SPACING_MM.min(0.5 * probes[0]); probes.len()], PASSES);
+    let spacing = probe_heights(kernels, pupils, (probes, part), first, report)?;
+    corrected(probes, spacing, core, |kernels, some, spacing| {
+        probe_heights(kernels, pupils, (some, part), (spacing, 1), report)
+    })
+}
+
+/// Indices of about `count` of `n`, the first and the last among them.
+pub(super) fn evenly(count: usize, n: usize) -> Vec<usize> {
+    let mut indices: Vec<usize> = (0..count).map(|i| i * (n - 1) / (count - 1)).collect();
+    indices.dedup();
+    indices
+}
+
+/// What is `found` at `probes` in the inner part of the core, times the ratio of what `again` finds at some of them in the core, beginning with it, to it.
+fn corrected<'a>(
+    probes: &[f64],
+    found: Vec<f64>,
+    core: Option<&mut Kernels<'a>>,
+    again: impl FnOnce(&mut Kernels<'a>, &[f64], Vec<f64>) -> Result<Vec<f64>, DesignError>,
+) -> Result<Vec<f64>, DesignError> {
+    let Some(kernels) = core else { return Ok(found) };
+    let some = evenly(COMPARED, probes.len());
+    let (at, first): (Vec<f64>, Vec<f64>) = some.iter().map(|i| (probes[*i], found[*i])).unzip();
+    let of_core = again(kernels, &at, first.clone())?;
+    let ratio: Vec<f64> = of_core.iter().zip(&first).map(|(core, inner)| core / inner).collect();
+    Ok(probes.iter().zip(found).map(|(h, v)| v * between(&at, &ratio, *h)).collect())
+}
+
+/// Azimuths needed at the probing heights for an error of `part`, not rounded, from `need` on in some passes.
+fn probe_azimuths(
+    kernels: &mut Kernels<'_>,
+    pupils: &mut Pupils<'_>,
+    (probes, part): (&[f64], f64),
+    (mut need, passes): (Vec<f64>, usize),
+    report: &mut dyn FnMut(&'static str, usize),
+) -> Result<Vec<f64>, DesignError> {
+    for _ in 0..passes {
+        let step = |i: usize, need: &[f64]| PI / need[i];
+        let requested: Vec<(f64, f64)> =
+            probes.iter().enumerate().flat_map(|(i, h)| [(*h, 0.0), (*h, step(i, &need))]).collect();
+        report("probing", kernels.fill(pupils, &requested)?);
+        for (i, h) in probes.iter().enumerate() {
+            let between = kernels.mean_with_mirror(kernels.at(*h, step(i, &need)));
+            let error = l1(&between, kernels.at(*h, 0.0));
+            need[i] = (need[i] * (error / part).sqrt()).clamp(8.0, MAX_AZIMUTHS as f64);
+        }
+    }
+    Ok(need)
+}
+
+/// Spacing of heights [mm] allowed at the probing heights for an error of `part`, from `spacing` on in some passes.
+fn probe_heights(
+    kernels: &mut Kernels<'_>,
+    pupils: &mut Pupils<'_>,
+    (probes, part): (&[f64], f64),
+    (spacing, passes): (Vec<f64>, usize),
+    report: &mut dyn FnMut(&'static str, usize),
+) -> Result<Vec<f64>, DesignError> {
+    let last = probes[probes.len() - 1];
+    let mut half: Vec<f64> = spacing.into_iter().map(|s| 0.5 * s).collect();
+    for _ in 0..passes {
+        // Within the field, not beyond the axis.
+        let ends = |i: usize, half: &[f64]| {
+            let centre = probes[i].min(last - half[i]).max(half[i]);
+            (centre - half[i], centre, centre + half[i])
+        };
+        let requested: Vec<(f64, f64)> = (0..probes.len())
+            .flat_map(|i| {
+                let (a, c, b) = ends(i, &half);
+                [(a, 0.0), (c, 0.0), (b, 0.0)]
+            })
+            .collect();
+        report("probing", kernels.fill(pupils, &requested)?);
+        for i in 0..probes.len() {
+            let (a, c, b) = ends(i, &half);
+            let error = l1(&mean(kernels.at(a, 0.0), kernels.at(b, 0.0)), kernels.at(c, 0.0));
+            half[i] = (half[i] * (part / error.max(LEAST_ERROR)).sqrt()).clamp(last * 1e-4, 0.2 * last);
+        }
+    }
+    Ok(half.into_iter().map(|h| 2.0 * h).collect())
+}
+
+/// Linear between the points, constant beyond.
+pub(super) fn between(x: &[f64], y: &[f64], at: f64) -> f64 {
+    let i = x.partition_point(|v| *v < at);
+    match i {
+        0 => y[0],
+        _ if i == x.len() => y[i - 1],
+        _ => y[i - 1] + (y[i] - y[i - 1]) * (at - x[i - 1]) / (x[i] - x[i - 1]),
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::design::psf::PsfGrid;
+
+    #[test]
+    fn what_the_core_needs_is_that_of_its_inner_part_times_the_ratio_at_some_probes() {
+        let probes: Vec<f64> = (1..=12).map(f64::from).collect();
+        let found: Vec<f64> = probes.iter().map(|h| 10.0 * h).collect();
+        let grid = PsfGrid::new(3, 1.0);
+        let mut kernels = Kernels::new(&grid, 3, 2.0);
+        let of_core = corrected(&probes, found.clone(), Some(&mut kernels), |_, at, first| {
+            assert_eq!((at, &first[..]), (&[1.0, 4.0, 8.0, 12.0][..], &[10.0, 40.0, 80.0, 120.0][..]));
+            // Ratios of 1, 2, 2 and 3.
+            Ok(vec![10.0, 80.0, 160.0, 360.0])
+        });
+        let ratios = [1.0, 4.0 / 3.0, 5.0 / 3.0, 2.0, 2.0, 2.0, 2.0, 2.0, 2.25, 2.5, 2.75, 3.0];
+        for ((found, ratio), of_core) in found.iter().zip(ratios).zip(of_core.unwrap()) {
+            assert!((of_core - found * ratio).abs() < 1e-9, "{of_core}, {found} times {ratio}");
+        }
+        let alone = corrected(&probes, found.clone(), None, |_, _, _| Ok(Vec::new()));
+        assert_eq!(alone.unwrap(), found);
+    }
+
+    #[test]
+    fn few_probes_are_all_compared() {
+        assert_eq!(evenly(4, 12), [0, 3, 7, 11]);
+        assert_eq!(evenly(4, 3), [0, 1, 2]);
+        assert_eq!(evenly(4, 1), [0]);
+    }
+}
