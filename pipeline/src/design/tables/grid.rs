@@ -42,6 +42,8 @@ const MEASURED_CELLS: usize = 24;
 const ADOPTED_CELLS: usize = 4;
 /// Largest error of nodes of another wavelength where the budget limits them, over their error there.
 const ADOPTED_ERROR: f64 = 1.3;
+/// Heights that samples allow, over those where nodes were chosen, from which on a band with larger errors than requested chooses its own.
+const MORE_HEIGHTS: f64 = 1.3;
 
 /// Chosen heights and azimuth counts, the errors of the cells between them, and the error bound, if checked.
 #[derive(Clone, Debug)]
@@ -52,6 +54,16 @@ pub(crate) struct Chosen {
     cells: Vec<f64>,
     /// Those in the inner part of the core, if kernels were compared there.
     inner_cells: Option<Vec<f64>>,
+    /// Heights that the samples of PSFs allow, if they are chosen.
+    allowed_heights: Option<usize>,
+}
+
+impl Chosen {
+    /// Whether `allowed_heights` of another band are so many more that its own nodes may have smaller errors, which here are above `most`.
+    pub(super) fn is_limited_beside(&self, allowed_heights: usize, most: f64) -> bool {
+        let is_more = |here: usize| allowed_heights as f64 > MORE_HEIGHTS * here as f64;
+        self.allowed_heights.is_some_and(is_more) && self.error.is_some_and(|e| e.worst > most)
+    }
 }
 
 /// Chooses heights from 0 to `last_mm` and their azimuth counts, for PSFs of `sides`: samples a side, and of those that films use.
@@ -68,7 +80,8 @@ pub(super) fn choose(
     };
     let with_axis = |heights: Vec<f64>, azimuths: Vec<usize>, error, (cells, inner_cells)| {
         let azimuths = azimuths.into_iter().enumerate().map(|(k, j)| if k == 0 { 1 } else { j }).collect();
-        Chosen { heights, azimuths, error, cells, inner_cells }
+        let allowed_heights = given.is_none().then(|| max_heights(options, sides));
+        Chosen { heights, azimuths, error, cells, inner_cells, allowed_heights }
     };
     if let (Some(heights), Azimuths::Given(j)) = (&given, options.azimuths) {
         return Ok(with_axis(heights.clone(), vec![j; heights.len()], None, (Vec::new(), None)));
@@ -350,5 +363,21 @@ mod tests {
         assert!(are_good_enough(0.01, 0.008, 0.01));
         assert!(!are_good_enough(0.01, 0.008, 0.0101), "less than 1.3 times the error there");
         assert!(are_good_enough(0.01, 0.02, 0.025) && !are_good_enough(0.01, 0.02, 0.027));
+    }
+
+    #[test]
+    fn a_band_whose_samples_allow_more_heights_chooses_its_own_nodes_where_errors_are_large() {
+        let nodes = |worst: f64, allowed_heights| Chosen {
+            heights: vec![0.0, 1.0],
+            azimuths: vec![1, 8],
+            error: Some(NodeError { worst, at_mm: 0.5, median: worst, limited: true }),
+            cells: vec![worst],
+            inner_cells: None,
+            allowed_heights,
+        };
+        assert!(nodes(0.03, Some(65)).is_limited_beside(88, 0.02));
+        assert!(!nodes(0.03, Some(65)).is_limited_beside(80, 0.02), "hardly more heights");
+        assert!(!nodes(0.015, Some(65)).is_limited_beside(88, 0.02), "small errors");
+        assert!(!nodes(0.03, None).is_limited_beside(88, 0.02), "heights are given");
     }
 }

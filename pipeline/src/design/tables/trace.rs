@@ -18,6 +18,7 @@ use super::lens_header::header;
 pub use super::lens_header::lens_header;
 pub use super::options::{Azimuths, MAX_NODES, PsfHeights, TraceOptions};
 pub use super::refine::NodeError;
+use super::refine::max_heights;
 use super::sampled::{Sampled, Sampling};
 pub use super::shared_nodes::{SharedNodes, node_wavelengths};
 pub use super::window::LEAST_TAIL_WINDOW_PX;
@@ -357,9 +358,12 @@ impl<'a> LensTrace<'a> {
         other: &Chosen,
         report: &mut dyn FnMut(&'static str, usize),
     ) -> Result<Option<Chosen>, DesignError> {
-        let Sampled { pupils, core, inner, .. } = sampled;
+        let Sampled { pupils, core, inner, budget_sides, .. } = sampled;
         let mut kernels = Compared::new(core, inner.as_ref(), self.options.film_pitch_um);
-        grid::adopt(&mut kernels, pupils, self.options.psf_tolerance, other, report)
+        let options = self.node_options();
+        let found = grid::adopt(&mut kernels, pupils, options.psf_tolerance, other, report)?;
+        let (allowed, most) = (max_heights(&options, *budget_sides), options.excess * options.psf_tolerance);
+        Ok(found.filter(|nodes| self.has_base_nodes || !nodes.is_limited_beside(allowed, most)))
     }
 }
 
