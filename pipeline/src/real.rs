@@ -24,15 +24,30 @@ pub fn bessel_i0(x: f64) -> f64 {
     sum
 }
 
-/// sinc(u) times a Kaiser window of half-width `half` and shape `shape`, 0 beyond.
-pub fn kaiser_sinc(u: f64, half: f64, shape: f64) -> f64 {
-    let x = u / half;
-    if x.abs() >= 1.0 {
-        return 0.0;
+/// sinc(u) times a Kaiser window.
+#[derive(Clone, Copy, Debug)]
+pub struct KaiserSinc {
+    half: f64,
+    shape: f64,
+    at_zero: f64,
+}
+
+impl KaiserSinc {
+    /// With a window of half-width `half` and shape `shape`.
+    pub fn new(half: f64, shape: f64) -> Self {
+        Self { half, shape, at_zero: bessel_i0(shape) }
     }
-    let pi_u = std::f64::consts::PI * u;
-    let sinc = if u == 0.0 { 1.0 } else { sin(pi_u) / pi_u };
-    sinc * bessel_i0(shape * (1.0 - x * x).sqrt()) / bessel_i0(shape)
+
+    /// The value at `u`, 0 beyond the window.
+    pub fn at(&self, u: f64) -> f64 {
+        let x = u / self.half;
+        if x.abs() >= 1.0 {
+            return 0.0;
+        }
+        let pi_u = std::f64::consts::PI * u;
+        let sinc = if u == 0.0 { 1.0 } else { sin(pi_u) / pi_u };
+        sinc * bessel_i0(self.shape * (1.0 - x * x).sqrt()) / self.at_zero
+    }
 }
 
 #[cfg(test)]

@@ -14,7 +14,7 @@
 use crate::lens::{PsfSample, PsfStack};
 use crate::parts::for_each_part;
 use crate::psf::kernel::film_window;
-use crate::real;
+use crate::real::KaiserSinc;
 use crate::spline::tensor::transposed;
 use std::convert::Infallible;
 use std::ops::Range;
@@ -112,12 +112,13 @@ impl CoarseSamples {
         let (to, to_pitch_um) = (coarse.size, coarse.pitch_um);
         let ratio = to_pitch_um / pitch_um;
         let (middle, to_middle) = ((samples / 2) as f64, (to / 2) as f64);
+        let kernel = KaiserSinc::new(HALF, SHAPE);
         let of = |i: usize| {
             let at = middle + (i as f64 - to_middle) * ratio;
             let first = (at - HALF * ratio).ceil().max(0.0);
             let last = (at + HALF * ratio).floor().min(samples as f64 - 1.0);
             let reach = first as usize..(last + 1.0).max(first) as usize;
-            (first as usize, reach.map(|j| real::kaiser_sinc((j as f64 - at) / ratio, HALF, SHAPE)).collect())
+            (first as usize, reach.map(|j| kernel.at((j as f64 - at) / ratio)).collect())
         };
         let rows: Vec<(usize, Vec<f64>)> = (0..to).map(of).collect();
         // The weights of a sample in all coarse ones have the sum 1.
@@ -168,6 +169,7 @@ impl CoarseSamples {
 mod tests {
     use super::*;
     use crate::psf::kernel::{KernelScratch, NodeKernels};
+    use crate::real;
     use crate::simd::Simd;
     use std::f64::consts::PI;
 
