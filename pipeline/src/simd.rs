@@ -4,6 +4,7 @@
 //! by rounding. So no other code that computes pixels of a film may select instructions: FFTs are compiled without rustfft's own detection,
 //! and functions such as the sine come from the `libm` crate ([`crate::real`]). The sensor model selects its own
 //! instructions (`sensor::lanes`): its bits do not depend on them.
+//! PSFs of designs have the same bits with any instructions, as layers have: their loops are plain code that is compiled for each.
 //! Vector code is written once on the abstraction of `lanes`, which `avx512` and `avx2` implement. Layers have the same bits with any instructions: their
 //! code runs on registers that round products (`unfused`), or on none (`plain`).
 

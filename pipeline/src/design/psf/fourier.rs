@@ -75,6 +75,7 @@ impl Fft {
     }
 
     /// Transforms the sequences of `data`, whose first `filled` samples are given; the others are taken as 0.
+    #[inline(always)]
     pub(super) fn process(&self, data: &mut Block, filled: usize, buffer: &mut Block) {
         data.resize(filled);
         data.resize(self.n);

@@ -32,7 +32,10 @@ pub struct PsfGrid {
 
 /// Buffers of one worker.
 #[derive(Default)]
-pub struct PsfScratch(NufftScratch);
+pub struct PsfScratch {
+    wavelets: Vec<Wavelet>,
+    sum: NufftScratch,
+}
 
 impl PsfGrid {
     /// Windows of `2·half + 1` samples of `pitch_um`.
@@ -53,8 +56,9 @@ impl PsfGrid {
     /// Time for a PSF of `f`, in that for a sample: a point of the sum takes as long as ten samples, and three of four PSFs need both halves
     /// of the pupil.
     pub(in crate::design) fn work(&self, f: &PupilFunction) -> f64 {
-        let points = f.wavelets(self.reach_um(), 0.0, false).len();
-        self.size().pow(2) as f64 + 17.5 * points as f64
+        let mut wavelets = Vec::new();
+        f.wavelets_into(self.reach_um(), &mut wavelets);
+        self.size().pow(2) as f64 + 17.5 * wavelets.len() as f64
     }
 
     /// Half a side of the window, µm.
@@ -77,10 +81,40 @@ impl PsfGrid {
         scratch: &mut PsfScratch,
         out: &mut Vec<f32>,
     ) {
-        // Without rotation the two halves of a symmetric pupil are mirror images, and one is enough.
-        let mirrored = azimuth_rad == 0.0 && !f.is_whole;
-        let wavelets = f.wavelets(self.reach_um(), azimuth_rad, !mirrored);
-        self.sum(f, &wavelets, mirrored, scratch, out);
+        f.wavelets_into(self.reach_um(), &mut scratch.wavelets);
+        self.sum(f, azimuth_rad, scratch, out);
+    }
+
+    /// The PSF rotated by each of `azimuths_rad`, in `buffers`, passed to `each` one by one.
+    pub(in crate::design) fn rotations(
+        &self,
+        f: &PupilFunction,
+        azimuths_rad: impl Iterator<Item = f64>,
+        (scratch, psf): &mut (PsfScratch, Vec<f32>),
+        mut each: impl FnMut(&[f32]),
+    ) {
+        f.wavelets_into(self.reach_um(), &mut scratch.wavelets);
+        for azimuth_rad in azimuths_rad {
+            self.sum(f, azimuth_rad, scratch, psf);
+            each(psf);
+        }
+    }
+
+    /// [`PsfGrid::psf_into`] without rotation, and whether the samples are finer than the Nyquist pitch, or 2 % coarser: that of a pupil function is from its
+    /// points, between which its directions are interpolated. If not, the PSF is not computed.
+    pub(super) fn resolved_into(
+        &self,
+        f: &PupilFunction,
+        scratch: &mut PsfScratch,
+        out: &mut Vec<f32>,
+    ) -> bool {
+        f.wavelets_into(self.reach_um(), &mut scratch.wavelets);
+        let most = scratch.wavelets.iter().fold(0.0_f64, |most, w| most.max(w.l.abs()).max(w.m.abs()));
+        let is_resolved = 2.0 * self.pitch_um * most <= 1.02 * f.wavelength_um;
+        if is_resolved {
+            self.sum(f, 0.0, scratch, out);
+        }
+        is_resolved
     }
 
     /// The PSF shifted by `shift_um` along +x, as shares of the total energy per sample, into `out`.
@@ -93,33 +127,34 @@ impl PsfGrid {
     ) {
         let k = TAU / f.wavelength_um;
         // The samples see the pupil from this much farther.
-        let mut wavelets = f.wavelets(self.reach_um() + shift_um.abs(), 0.0, false);
-        for wavelet in &mut wavelets {
+        f.wavelets_into(self.reach_um() + shift_um.abs(), &mut scratch.wavelets);
+        for wavelet in &mut scratch.wavelets {
             let (sin, cos) = real::sin_cos(-k * wavelet.l * shift_um);
             wavelet.c *= Complex::new(cos, sin);
         }
-        self.sum(f, &wavelets, !f.is_whole, scratch, out);
+        self.sum(f, 0.0, scratch, out);
     }
 
-    /// [`PsfGrid::psf_into`] from the wavelets of `f` for this window, with their mirror images if `mirrored`.
-    pub(super) fn sum(
-        &self,
-        f: &PupilFunction,
-        wavelets: &[Wavelet],
-        mirrored: bool,
-        scratch: &mut PsfScratch,
-        out: &mut Vec<f32>,
-    ) {
-        let scale = self.pitch_um / f.wavelength_um;
-        let points = wavelets.iter().map(|w| Point { s: w.l * scale, t: w.m * scale, c: w.c });
-        self.nufft.power(points, mirrored, f.share(self.pitch_um), &mut scratch.0, out);
-    }
-
-    /// Whether the samples are finer than the Nyquist pitch of `wavelets` of `wavelength_um`, or 2 % coarser: that of a pupil function is from its
-    /// points, between which its directions are interpolated.
-    pub(super) fn resolves(&self, wavelength_um: f64, wavelets: &[Wavelet]) -> bool {
-        let most = wavelets.iter().fold(0.0_f64, |most, w| most.max(w.l.abs()).max(w.m.abs()));
-        2.0 * self.pitch_um * most <= 1.02 * wavelength_um
+    /// The PSF of the wavelets of `f` in `scratch`, rotated by `azimuth_rad`, into `out`.
+    fn sum(&self, f: &PupilFunction, azimuth_rad: f64, scratch: &mut PsfScratch, out: &mut Vec<f32>) {
+        let PsfScratch { wavelets, sum } = scratch;
+        let (scale, share) = (self.pitch_um / f.wavelength_um, f.share(self.pitch_um));
+        let point = |l: f64, m: f64, c| Point { s: l * scale, t: m * scale, c };
+        if azimuth_rad == 0.0 {
+            // Without rotation the two halves of a symmetric pupil are mirror images, and one is enough.
+            let points = wavelets.iter().map(|w| point(w.l, w.m, w.c));
+            return self.nufft.power(points, !f.is_whole, share, sum, out);
+        }
+        let (sin, cos) = real::sin_cos(azimuth_rad);
+        let halves = if f.is_whole { 1 } else { 2 };
+        let rotated = |Wavelet { l, m, c }: &Wavelet| {
+            let both = [
+                point(l * cos - m * sin, l * sin + m * cos, *c),
+                point(l * cos + m * sin, l * sin - m * cos, *c),
+            ];
+            both.into_iter().take(halves)
+        };
+        self.nufft.power(wavelets.iter().flat_map(rotated), false, share, sum, out);
     }
 }
 

@@ -8,7 +8,7 @@
 //! the outputs at most 2e-5.
 //! Only the cells that the points cover are stored, and columns and rows without points or outputs are not transformed.
 //! Of points symmetric about t = 0 one half is given: U is then even in k, and half of the rows are transformed.
-//! One thread, fixed order: the same bits in every run and on every machine.
+//! One thread, fixed order, no fused products: the same bits in every run and on every machine, whatever instructions the loops are compiled for.
 //! Source: Barnett, Magland, af Klinteberg, A parallel nonuniform FFT library based on an "exponential of semicircle" kernel,
 //! SIAM J. Sci. Comput. 41 (2019), sections 2-3. Signs: j runs with x, k with y.
 
@@ -18,12 +18,16 @@ use rustfft::num_complex::Complex;
 
 use super::fourier::{Block, Fft, LANES, good_size};
 use crate::design::pupil::quadrature::unit_interval;
-use crate::real;
+use crate::real::{self, WHOLE};
+use crate::simd::lanes::{Lanes, SimdOp};
+use crate::simd::{Simd, UnfusedOp};
 
 /// Kernel width in cells.
 const WIDTH: usize = 8;
 /// Cells per output.
 const FINER: f64 = 1.5;
+/// Points that are spread by one operation.
+const POINTS: usize = 256;
 /// Minimum number of cells: points up to 0.4 cycles have half a kernel's width of cells around them.
 const MIN_CELLS: usize = 64;
 /// Shape parameter γ π w (1 − 1/(2σ)) for σ cells per output (section 3 of the source), γ = 0.95.
@@ -51,14 +55,15 @@ pub struct Nufft {
     half: usize,
     cells: usize,
     fft: Fft,
-    /// Coefficients of the even and odd powers of z, for the first half of the cells.
-    phi: [[[f32; HALF]; TERMS]; 2],
+    /// Coefficients of the even and odd powers of z, for the first half of the cells, twice: along x and along y.
+    phi: [[[f32; 2 * HALF]; TERMS]; 2],
     deconvolve: Vec<f32>,
 }
 
 /// Buffers of one worker.
 #[derive(Default)]
 pub struct NufftScratch {
+    some: Vec<Point>,
     grid: Plane,
     columns: Plane,
     block: Block,
@@ -136,40 +141,50 @@ impl Nufft {
         scratch: &mut NufftScratch,
         out: &mut Vec<f32>,
     ) {
+        self.power_with(Simd::detect(), points, mirrored, scale, scratch, out);
+    }
+
+    /// [`Nufft::power`] with the instructions of `simd`.
+    fn power_with(
+        &self,
+        simd: Simd,
+        points: impl Iterator<Item = Point> + Clone,
+        mirrored: bool,
+        scale: f64,
+        scratch: &mut NufftScratch,
+        out: &mut Vec<f32>,
+    ) {
         let (across, down) = (self.span(points.clone().map(|p| p.s)), self.span(points.clone().map(|p| p.t)));
         scratch.grid.reset(across.count, down.count);
-        for p in points {
-            self.spread(&p, (across.first, down.first), &mut scratch.grid);
-        }
-        let n = self.size();
-        scratch.columns.reset(across.count, if mirrored { self.half + 1 } else { n });
-        for first in (0..across.count).step_by(LANES) {
-            self.transform_columns(first, down, mirrored, scratch);
-        }
-        out.clear();
-        out.resize(n * n, 0.0);
-        let first_row = if mirrored { self.half } else { 0 };
-        for first in (first_row..n).step_by(LANES) {
-            self.transform_rows(first, first_row, scale as f32, scratch, out);
-        }
-        if mirrored {
-            let (upper, lower) = out.split_at_mut(self.half * n);
-            for (to, from) in upper.chunks_exact_mut(n).rev().zip(lower[n..].chunks_exact(n)) {
-                to.copy_from_slice(from);
+        let NufftScratch { grid, some, .. } = scratch;
+        let first = (across.first, down.first);
+        some.clear();
+        points.for_each(|point| {
+            some.push(point);
+            if some.len() == POINTS {
+                Spread { plan: self, points: some, first, grid }.run_unfused(simd);
+                some.clear();
             }
-        }
+        });
+        Spread { plan: self, points: some, first, grid }.run_unfused(simd);
+        Transform { plan: self, spans: (across, down), mirrored, scale, scratch, out }.run_unfused(simd);
     }
 
     /// Columns from `first` on of the grid to the outputs along y, of k ≥ 0 only if `mirrored`.
+    #[inline(always)]
     fn transform_columns(&self, first: usize, down: Span, mirrored: bool, scratch: &mut NufftScratch) {
-        let NufftScratch { grid, columns, block, buffer } = scratch;
+        let NufftScratch { grid, columns, block, buffer, .. } = scratch;
         let width = grid.width;
         let count = LANES.min(width - first);
         for (to, from) in [(&mut block.re, &grid.re), (&mut block.im, &grid.im)] {
             to.clear();
             to.resize(down.count * LANES, 0.0);
-            for (to, from) in to.chunks_exact_mut(LANES).zip(from.chunks_exact(width)) {
-                to[..count].copy_from_slice(&from[first..first + count]);
+            for (to, from) in to.as_chunks_mut::<LANES>().0.iter_mut().zip(from.chunks_exact(width)) {
+                let from = &from[first..first + count];
+                match from.try_into() {
+                    Ok(all) => *to = all,
+                    Err(_) => to[..count].copy_from_slice(from),
+                }
             }
         }
         self.fft.process(block, down.count, buffer);
@@ -199,6 +214,7 @@ impl Nufft {
     }
 
     /// Rows from `first` on of the output; `first_row` is the output row of row 0 of the columns.
+    #[inline(always)]
     fn transform_rows(
         &self,
         first: usize,
@@ -244,43 +260,50 @@ impl Nufft {
     }
 
     /// First cell of a point's kernel, and the distance (in cells, 0..1) of that cell from the kernel's edge.
-    #[inline]
+    #[inline(always)]
     fn cell(&self, cycles: f64) -> (usize, f64) {
         let edge = (cycles + 0.5) * self.cells as f64 - WIDTH as f64 / 2.0;
-        let below = edge as usize;
-        let first = below + usize::from((below as f64) < edge);
-        (first, first as f64 - edge)
+        // The next whole number, without a conversion: the last bits of a number this large are its integer.
+        let nearest = (edge + WHOLE) - WHOLE;
+        let first = (nearest + if nearest < edge { 1.0 } else { 0.0 }).max(0.0);
+        ((first + WHOLE).to_bits() as u32 as usize, first - edge)
     }
 
-    #[inline]
-    fn weights(&self, inside: f64) -> [f32; WIDTH] {
-        let z = (2.0 * inside - 1.0) as f32;
-        let square = z * z;
+    /// The kernel at the cells along x and along y of a point at these distances.
+    #[inline(always)]
+    fn weights(&self, inside: [f64; 2]) -> [[f32; WIDTH]; 2] {
+        let [x, y] = inside.map(|inside| (2.0 * inside - 1.0) as f32);
+        let z = [x, x, x, x, y, y, y, y];
+        let square = z.map(|z| z * z);
         let [even, odd] = &self.phi;
         let (mut e, mut o) = (even[TERMS - 1], odd[TERMS - 1]);
         for (even, odd) in even[..TERMS - 1].iter().zip(&odd[..TERMS - 1]).rev() {
-            for i in 0..HALF {
-                e[i] = e[i] * square + even[i];
-                o[i] = o[i] * square + odd[i];
+            for i in 0..2 * HALF {
+                e[i] = e[i] * square[i] + even[i];
+            }
+            for i in 0..2 * HALF {
+                o[i] = o[i] * square[i] + odd[i];
             }
         }
-        let mut v = [0.0; WIDTH];
-        for i in 0..HALF {
-            let odd = z * o[i];
-            (v[i], v[WIDTH - 1 - i]) = (e[i] + odd, e[i] - odd);
+        let mut v = [[0.0; WIDTH]; 2];
+        for (v, first) in v.iter_mut().zip([0, HALF]) {
+            for i in 0..HALF {
+                let (even, odd) = (e[first + i], z[first + i] * o[first + i]);
+                (v[i], v[WIDTH - 1 - i]) = (even + odd, even - odd);
+            }
         }
         v
     }
 
-    #[inline]
+    #[inline(always)]
     fn spread(&self, p: &Point, first: (usize, usize), grid: &mut Plane) {
         let (x, inside_x) = self.cell(p.s);
         let (y, inside_y) = self.cell(p.t);
-        let row = self.weights(inside_x);
+        let [row, column] = self.weights([inside_x, inside_y]);
         let (c_re, c_im) = (p.c.re as f32, p.c.im as f32);
         let (row_re, row_im) = (row.map(|w| w * c_re), row.map(|w| w * c_im));
         let start = (y - first.1) * grid.width + x - first.0;
-        for (i, w) in self.weights(inside_y).into_iter().enumerate() {
+        for (i, w) in column.into_iter().enumerate() {
             let at = start + i * grid.width;
             for (cells, row) in
                 [(&mut grid.re[at..][..WIDTH], &row_re), (&mut grid.im[at..][..WIDTH], &row_im)]
@@ -293,8 +316,59 @@ impl Nufft {
     }
 }
 
+/// Spreads points on the grid, whose first cell is `first`.
+struct Spread<'a> {
+    plan: &'a Nufft,
+    points: &'a [Point],
+    first: (usize, usize),
+    grid: &'a mut Plane,
+}
+
+impl<V: Lanes> SimdOp<V> for Spread<'_> {
+    #[inline(always)]
+    fn run(self) {
+        for point in self.points {
+            self.plan.spread(point, self.first, self.grid);
+        }
+    }
+}
+
+/// From the grid, which has the cells `spans` across and down, to the power.
+struct Transform<'a> {
+    plan: &'a Nufft,
+    spans: (Span, Span),
+    mirrored: bool,
+    scale: f64,
+    scratch: &'a mut NufftScratch,
+    out: &'a mut Vec<f32>,
+}
+
+impl<V: Lanes> SimdOp<V> for Transform<'_> {
+    #[inline(always)]
+    fn run(self) {
+        let Self { plan, spans: (across, down), mirrored, scale, scratch, out } = self;
+        let n = plan.size();
+        scratch.columns.reset(across.count, if mirrored { plan.half + 1 } else { n });
+        for first in (0..across.count).step_by(LANES) {
+            plan.transform_columns(first, down, mirrored, scratch);
+        }
+        out.clear();
+        out.resize(n * n, 0.0);
+        let first_row = if mirrored { plan.half } else { 0 };
+        for first in (first_row..n).step_by(LANES) {
+            plan.transform_rows(first, first_row, scale as f32, scratch, out);
+        }
+        if mirrored {
+            let (upper, lower) = out.split_at_mut(plan.half * n);
+            for (to, from) in upper.chunks_exact_mut(n).rev().zip(lower[n..].chunks_exact(n)) {
+                to.copy_from_slice(from);
+            }
+        }
+    }
+}
+
 /// φ over each cell of the first half of its width as a polynomial of z = 2·inside − 1, by interpolation at Chebyshev points.
-fn kernel_polynomials() -> [[[f32; HALF]; TERMS]; 2] {
+fn kernel_polynomials() -> [[[f32; 2 * HALF]; TERMS]; 2] {
     let n = DEGREE + 1;
     let mut out = [[0.0_f64; HALF]; DEGREE + 1];
     let node = |i: usize| real::cos(PI * (i as f64 + 0.5) / n as f64);
@@ -317,12 +391,14 @@ fn kernel_polynomials() -> [[[f32; HALF]; TERMS]; 2] {
             now = next;
         }
     }
-    [0, 1].map(|parity| std::array::from_fn(|k| out[2 * k + parity].map(|c| c as f32)))
+    let twice = |power: [f64; HALF]| std::array::from_fn(|i| power[i % HALF] as f32);
+    [0, 1].map(|parity| std::array::from_fn(|k| twice(out[2 * k + parity])))
 }
 
 #[cfg(test)]
 mod tests {
     use super::*;
+    use crate::simd::Isa;
 
     fn random(seed: &mut u64) -> f64 {
         *seed = seed.wrapping_mul(6_364_136_223_846_793_005).wrapping_add(1_442_695_040_888_963_407);
@@ -344,6 +420,11 @@ mod tests {
             let plan = Nufft::new(half);
             let mut out = Vec::new();
             plan.power(points.iter().copied(), mirrored, 0.5, &mut NufftScratch::default(), &mut out);
+            for simd in Isa::ALL.into_iter().filter_map(|isa| Simd::require(isa).ok()) {
+                let (points, mut same) = (points.iter().copied(), Vec::new());
+                plan.power_with(simd, points, mirrored, 0.5, &mut NufftScratch::default(), &mut same);
+                assert!(out == same, "{simd:?}: other bits");
+            }
             let n = plan.size();
             let (mut worst, mut squares) = (0.0_f64, 0.0);
             for (i, power) in out.iter().enumerate().take(n * n) {

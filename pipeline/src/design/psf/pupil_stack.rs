@@ -91,13 +91,11 @@ impl PupilStack {
         let mut samples = vec![0.0; n * n * self.functions.len()];
         let one = |scratch: &mut (PsfScratch, Vec<f32>),
                    (k, (f, out)): (usize, (&PupilFunction, &mut [f32]))| {
-            let wavelets = f.wavelets(grid.reach_um(), 0.0, false);
-            if !grid.resolves(f.wavelength_um, &wavelets) {
+            if !grid.resolved_into(f, &mut scratch.0, &mut scratch.1) {
                 let segment = self.functions[..k].iter().map(|f| f.patches.len()).sum();
                 let problem = format!("has directions finer than samples of {} µm resolve", self.pitch_um);
                 return Err(PupilError { segment, problem });
             }
-            grid.sum(f, &wavelets, !f.is_whole, &mut scratch.0, &mut scratch.1);
             normalise(&scratch.1, out);
             Ok(())
         };

@@ -14,7 +14,9 @@ use rustfft::num_complex::Complex;
 use crate::design::pupil::chebyshev::lagrange;
 use crate::design::pupil::function::{Patch, PupilFunction};
 use crate::design::pupil::quadrature::oscillating;
-use crate::real;
+use crate::real::cos_sin_of_turns;
+use crate::simd::lanes::{Lanes, SimdOp};
+use crate::simd::{Simd, UnfusedOp};
 
 /// Margin of the slopes between neighbouring points, which are below the maximum in between.
 const MARGIN: f64 = 1.03;
@@ -35,25 +37,29 @@ pub struct Wavelet {
     pub c: Complex<f64>,
 }
 
+/// Angles that one operation works on.
+const ANGLES: usize = 8;
+
 /// Angles of the rings of a patch, as many as one of them needs.
 #[derive(Default)]
 struct Spokes {
     /// Weights of the quadrature.
     weights: Vec<f64>,
-    /// Value at each angle from those at the points of the patch: points × angles.
-    from_points: Vec<f64>,
+    /// Value at each angle from those at the points of the patch: for each [`ANGLES`] of them, the weights of every point.
+    from_points: Vec<[f64; ANGLES]>,
+    /// W, L, M and amplitude at the points of a ring.
+    at_points: Vec<[f64; 4]>,
+    /// L, M and real and imaginary part of the amplitude times e^{ikW} at each angle of it.
+    values: Vec<[[f64; ANGLES]; 4]>,
 }
 
 impl PupilFunction {
-    /// Wavelets dense enough for a window of ± `reach_um` in x and y, rotated by `azimuth_rad`; `mirrored` adds the lower half of the
-    /// pupil, if this function has only the upper one.
-    pub fn wavelets(&self, reach_um: f64, azimuth_rad: f64, mirrored: bool) -> Vec<Wavelet> {
-        let k = 2.0 * PI / self.wavelength_um;
+    /// Wavelets dense enough for a window of ± `reach_um` in x and y, of the part of the pupil that this function has, into `out`.
+    pub(super) fn wavelets_into(&self, reach_um: f64, out: &mut Vec<Wavelet>) {
+        let (simd, k) = (Simd::detect(), 2.0 * PI / self.wavelength_um);
         let corner = std::f64::consts::SQRT_2 * reach_um;
-        let (sin, cos) = real::sin_cos(azimuth_rad);
-        let mirrored = mirrored && !self.is_whole;
         let middle = self.extent.map(|(least, most)| 0.5 * (least + most));
-        let mut out = Vec::new();
+        out.clear();
         for patch in &self.patches {
             let to_ring = lagrange(patch.rings, 0.0, 1.0);
             let (diffraction, aberration) = patch.change(0.0, 1.0).1;
@@ -69,20 +75,18 @@ impl PupilFunction {
                     let rho = from + (to - from) * share;
                     let weight = (to - from) * weight * rho;
                     spokes.prepare(patch, along_theta * rho);
-                    let [w, l, m, amplitude] = spokes.values(patch, &to_ring.weights(rho));
-                    for (i, weight_in_theta) in spokes.weights.iter().enumerate() {
-                        let (sin_w, cos_w) = real::sin_cos(k * w[i]);
-                        let c = Complex::new(cos_w, sin_w) * (amplitude[i] * weight * weight_in_theta);
-                        let (l, m) = (l[i] - middle[0], m[i] - middle[1]);
-                        out.push(Wavelet { l: l * cos - m * sin, m: l * sin + m * cos, c });
-                        if mirrored {
-                            out.push(Wavelet { l: l * cos + m * sin, m: l * sin - m * cos, c });
-                        }
-                    }
+                    spokes.interpolate(simd, patch, &to_ring.weights(rho), self.wavelength_um);
+                    let angles = spokes.weights.chunks(ANGLES).zip(&spokes.values);
+                    out.extend(angles.flat_map(|(weights, [l, m, re, im])| {
+                        weights.iter().enumerate().map(move |(i, weight_in_theta)| Wavelet {
+                            l: l[i] - middle[0],
+                            m: m[i] - middle[1],
+                            c: Complex::new(re[i], im[i]) * (weight * weight_in_theta),
+                        })
+                    }));
                 }
             }
         }
-        out
     }
 }
 
@@ -95,27 +99,88 @@ impl Spokes {
             return;
         }
         let basis = lagrange(patch.spokes, patch.segment.from, patch.segment.to);
-        self.from_points = vec![0.0; patch.spokes * angles.len()];
+        let parts = angles.len().div_ceil(ANGLES);
+        self.from_points = vec![[0.0; ANGLES]; patch.spokes * parts];
         for (i, (theta, _)) in angles.iter().enumerate() {
-            for (point, weight) in basis.weights(*theta).into_iter().enumerate() {
-                self.from_points[point * angles.len() + i] = weight;
+            let part = &mut self.from_points[i / ANGLES * patch.spokes..][..patch.spokes];
+            for (point, weight) in part.iter_mut().zip(basis.weights(*theta)) {
+                point[i % ANGLES] = weight;
             }
         }
+        self.values.resize(parts, [[0.0; ANGLES]; 4]);
         self.weights = angles.into_iter().map(|(_, weight)| weight).collect();
     }
 
-    /// W, L, M and amplitude at the angles, on the ring with the weights `to_ring` of the rings of `patch`.
-    fn values(&self, patch: &Patch, to_ring: &[f64]) -> [Vec<f64>; 4] {
-        std::array::from_fn(|table| {
-            let mut at_points = vec![0.0; patch.spokes];
-            for (weight, row) in to_ring.iter().zip(patch.tables[table].chunks_exact(patch.spokes)) {
-                at_points.iter_mut().zip(row).for_each(|(to, v)| *to += weight * v);
+    /// Computes the values at the angles, on the ring with the weights `to_ring` of the rings of `patch`.
+    fn interpolate(&mut self, simd: Simd, patch: &Patch, to_ring: &[f64], wavelength_um: f64) {
+        self.at_points.clear();
+        self.at_points.resize(patch.spokes, [0.0; 4]);
+        OnRing { spokes: self, patch, to_ring, wavelength_um }.run_unfused(simd);
+    }
+}
+
+/// Computes the values on a ring.
+struct OnRing<'a> {
+    spokes: &'a mut Spokes,
+    patch: &'a Patch,
+    to_ring: &'a [f64],
+    wavelength_um: f64,
+}
+
+impl<V: Lanes> SimdOp<V> for OnRing<'_> {
+    #[inline(always)]
+    fn run(self) {
+        let Self { spokes: Spokes { from_points, at_points, values, .. }, patch, to_ring, wavelength_um } =
+            self;
+        for (table, samples) in patch.tables[..4].iter().enumerate() {
+            for (weight, row) in to_ring.iter().zip(samples.chunks_exact(patch.spokes)) {
+                at_points.iter_mut().zip(row).for_each(|(to, v)| to[table] += weight * v);
             }
-            let mut values = vec![0.0; self.weights.len()];
-            for (v, row) in at_points.iter().zip(self.from_points.chunks_exact(self.weights.len())) {
-                values.iter_mut().zip(row).for_each(|(to, weight)| *to += weight * v);
+        }
+        for (to, weights) in values.iter_mut().zip(from_points.chunks_exact(patch.spokes)) {
+            // In registers.
+            let mut sums = [[0.0; ANGLES]; 4];
+            for (at, weights) in at_points.iter().zip(weights) {
+                for table in 0..4 {
+                    for i in 0..ANGLES {
+                        sums[table][i] += weights[i] * at[table];
+                    }
+                }
             }
-            values
-        })
+            let [w, l, m, amplitude] = sums;
+            let (mut re, mut im) = ([0.0; ANGLES], [0.0; ANGLES]);
+            for i in 0..ANGLES {
+                let [cos, sin] = cos_sin_of_turns(w[i] / wavelength_um);
+                (re[i], im[i]) = (amplitude[i] * cos, amplitude[i] * sin);
+            }
+            *to = [l, m, re, im];
+        }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::design::prescription::system::System;
+    use crate::design::rays::ray::Tracer;
+    use crate::simd::Isa;
+
+    #[test]
+    fn values_on_a_ring_have_the_same_bits_with_any_instructions() {
+        let system = System::double_gauss_28();
+        let f = PupilFunction::trace(&Tracer::new(&system, 0.55).unwrap(), 0.15).unwrap();
+        let patch = &f.patches[0];
+        let to_ring = lagrange(patch.rings, 0.0, 1.0).weights(0.7);
+        let values = |simd| {
+            let mut spokes = Spokes::default();
+            spokes.prepare(patch, 40.0);
+            spokes.interpolate(simd, patch, &to_ring, f.wavelength_um);
+            spokes.values
+        };
+        let expected = values(Simd::PORTABLE);
+        assert!(expected.iter().flatten().flatten().any(|v| *v != 0.0));
+        for simd in Isa::ALL.into_iter().filter_map(|isa| Simd::require(isa).ok()) {
+            assert!(values(simd) == expected, "{simd:?}: other bits");
+        }
     }
 }

@@ -13,6 +13,8 @@ use super::openings::{Openings, Overshoot, Pupil, Segment};
 use crate::design::prescription::error::DesignError;
 use crate::design::rays::ray::Tracer;
 use crate::real;
+use crate::simd::lanes::{Lanes, SimdOp};
+use crate::simd::{Simd, UnfusedOp};
 
 /// Largest error of r²/a² − 1 between the points: rims are then within a part of 1e5.
 const PLACE_TOLERANCE: f64 = 1e-5;
@@ -244,19 +246,39 @@ impl Weights {
 /// ΣΣ rho_i theta_j table_ij, in four partial sums over j.
 fn sum(table: &[f64], rho: &[f64], theta: &[f64]) -> f64 {
     let mut lanes = [0.0; 4];
-    let (theta4, theta_rest) = theta.as_chunks::<4>();
-    for (row, w) in table.chunks_exact(theta.len()).zip(rho) {
-        let (row4, row_rest) = row.as_chunks::<4>();
-        let mut along = [0.0; 4];
-        for (v, t) in row4.iter().zip(theta4) {
-            (0..4).for_each(|i| along[i] += v[i] * t[i]);
-        }
-        for (along, (v, t)) in along.iter_mut().zip(row_rest.iter().zip(theta_rest)) {
-            *along += v * t;
-        }
-        (0..4).for_each(|i| lanes[i] += w * along[i]);
-    }
+    Sum { table, rho, theta, lanes: &mut lanes }.run_unfused(Simd::detect());
     lanes.iter().sum()
+}
+
+/// The partial sums of [`sum`].
+struct Sum<'a> {
+    table: &'a [f64],
+    rho: &'a [f64],
+    theta: &'a [f64],
+    lanes: &'a mut [f64; 4],
+}
+
+impl<V: Lanes> SimdOp<V> for Sum<'_> {
+    #[inline(always)]
+    fn run(self) {
+        let Self { table, rho, theta, lanes } = self;
+        let (theta4, theta_rest) = theta.as_chunks::<4>();
+        for (row, w) in table.chunks_exact(theta.len()).zip(rho) {
+            let (row4, row_rest) = row.as_chunks::<4>();
+            let mut along = [0.0; 4];
+            for (v, t) in row4.iter().zip(theta4) {
+                for i in 0..4 {
+                    along[i] += v[i] * t[i];
+                }
+            }
+            for (along, (v, t)) in along.iter_mut().zip(row_rest.iter().zip(theta_rest)) {
+                *along += v * t;
+            }
+            for i in 0..4 {
+                lanes[i] += w * along[i];
+            }
+        }
+    }
 }
 
 impl<'a> Evaluator<'a> {

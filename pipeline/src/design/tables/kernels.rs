@@ -96,16 +96,17 @@ impl<'a> Kernels<'a> {
         missing.sort_unstable();
         missing.dedup();
         missing.retain(|k| !self.computed.contains_key(k));
-        let count = missing.len();
         let pupils = &*pupils;
-        let computed: Vec<(Key, Vec<f32>)> = missing
+        let of_heights: Vec<&[Key]> = missing.chunk_by(|a, b| a.0 == b.0).collect();
+        let computed: Vec<Vec<Vec<f32>>> = of_heights
             .into_par_iter()
-            .map_init(Default::default, |scratch, k| {
-                let (height, azimuth) = (f64::from_bits(k.0), f64::from_bits(k.1));
-                (k, self.compute(pupils.at(height), azimuth, scratch))
+            .map_init(Default::default, |buffers, of_height| {
+                let azimuths = of_height.iter().map(|k| f64::from_bits(k.1));
+                self.compute(pupils.at(f64::from_bits(of_height[0].0)), azimuths, buffers)
             })
             .collect();
-        self.computed.extend(computed);
+        let count = missing.len();
+        self.computed.extend(missing.into_iter().zip(computed.into_iter().flatten()));
         Ok(count)
     }
 
@@ -129,17 +130,20 @@ impl<'a> Kernels<'a> {
         &self.computed[&key(height, azimuth)]
     }
 
-    /// The kernel of sum 1 of `pupil`, rotated by `azimuth` [rad].
+    /// The kernels of sum 1 of `pupil`, rotated by each of `azimuths` [rad].
     pub(in crate::design) fn compute(
         &self,
         pupil: &PupilFunction,
-        azimuth: f64,
-        (scratch, psf): &mut (PsfScratch, Vec<f32>),
-    ) -> Vec<f32> {
-        self.grid.psf_into(pupil, azimuth, scratch, psf);
-        let kernel = self.film.integrate(psf);
-        let sum: f64 = kernel.iter().sum();
-        kernel.iter().map(|v| (v / sum) as f32).collect()
+        azimuths: impl Iterator<Item = f64>,
+        buffers: &mut (PsfScratch, Vec<f32>),
+    ) -> Vec<Vec<f32>> {
+        let mut kernels = Vec::new();
+        self.grid.rotations(pupil, azimuths, buffers, |psf| {
+            let kernel = self.film.integrate(psf);
+            let sum: f64 = kernel.iter().sum();
+            kernels.push(kernel.iter().map(|v| (v / sum) as f32).collect());
+        });
+        kernels
     }
 
     /// Mean of a kernel rotated by +azimuth and by −azimuth, which is its mirror image.

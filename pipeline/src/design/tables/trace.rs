@@ -40,7 +40,7 @@ use crate::lens::{Lens, LensBand, PsfSample, PsfStack};
 const ENERGIES: usize = 24;
 
 /// Incremented when the results for the same design and options change.
-pub const TRACER_VERSION: u32 = 9;
+pub const TRACER_VERSION: u32 = 10;
 /// Incremented when nodes or windows for the same design and options change, which packs with pupil functions have stored.
 pub const NODES_VERSION: u32 = 5;
 

@@ -73,10 +73,12 @@ impl<'a> PlaceKernels<'a> {
         let count = missing.len();
         let (functions, kernels) = (&self.functions, self.kernels.as_ref().expect("kernels are started"));
         let computed: Vec<_> = missing
-            .into_par_iter()
-            .map_init(Default::default, |scratch, k| (k, kernels.compute(&functions[&k], 0.0, scratch)))
+            .par_iter()
+            .map_init(Default::default, |buffers, k| {
+                kernels.compute(&functions[k], std::iter::once(0.0), buffers)
+            })
             .collect();
-        self.computed.extend(computed);
+        self.computed.extend(missing.into_iter().zip(computed.into_iter().flatten()));
         Ok(count)
     }
 

@@ -57,14 +57,15 @@ impl<'a> Views<'a> {
         missing.retain(|k| !self.computed.contains_key(k));
         let count = missing.len();
         let functions = &*functions;
-        let computed: Vec<_> = missing
+        let of_places: Vec<&[[u64; 3]]> = missing.chunk_by(|a, b| a[..2] == b[..2]).collect();
+        let computed: Vec<_> = of_places
             .into_par_iter()
-            .map_init(Default::default, |scratch, k| {
-                let View { place, rotation_rad } = View::of_key(k);
-                (k, self.kernels.compute(functions.at(place), rotation_rad, scratch))
+            .map_init(Default::default, |buffers, of_place| {
+                let rotations = of_place.iter().map(|k| View::of_key(*k).rotation_rad);
+                self.kernels.compute(functions.at(View::of_key(of_place[0]).place), rotations, buffers)
             })
             .collect();
-        self.computed.extend(computed);
+        self.computed.extend(missing.into_iter().zip(computed.into_iter().flatten()));
         Ok(count)
     }
 
