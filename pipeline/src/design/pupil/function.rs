@@ -379,8 +379,8 @@ impl Patch {
         (maximum(radial), maximum(&self.angular[first..=last]))
     }
 
-    /// The tables at the angles of `spokes`: rings × spokes.
-    fn along_theta(&self, spokes: &[(f64, f64)]) -> [Vec<f64>; 5] {
+    /// The table `table` at the angles of `spokes`: rings × spokes.
+    fn along_theta(&self, table: usize, spokes: &[(f64, f64)]) -> Vec<f64> {
         let basis = lagrange(self.spokes, self.segment.from, self.segment.to);
         // One row of weights per point of the grid.
         let mut weights = vec![0.0; self.spokes * spokes.len()];
@@ -389,24 +389,26 @@ impl Patch {
                 weights[k * spokes.len() + i] = w;
             }
         }
-        std::array::from_fn(|i| {
-            let mut fine = vec![0.0; self.rings * spokes.len()];
-            for (to, ring) in
-                fine.chunks_exact_mut(spokes.len()).zip(self.tables[i].chunks_exact(self.spokes))
-            {
-                for (v, row) in ring.iter().zip(weights.chunks_exact(spokes.len())) {
-                    to.iter_mut().zip(row).for_each(|(to, w)| *to += w * v);
-                }
+        let mut fine = vec![0.0; self.rings * spokes.len()];
+        for (to, ring) in
+            fine.chunks_exact_mut(spokes.len()).zip(self.tables[table].chunks_exact(self.spokes))
+        {
+            for (v, row) in ring.iter().zip(weights.chunks_exact(spokes.len())) {
+                to.iter_mut().zip(row).for_each(|(to, w)| *to += w * v);
             }
-            fine
-        })
+        }
+        fine
     }
 
     /// The values at (ρ, θ).
     pub(in crate::design) fn at(&self, rho: f64, theta: f64) -> [f64; 5] {
-        let fine = self.along_theta(&[(theta, 1.0)]);
-        let w = lagrange(self.rings, 0.0, 1.0).weights(rho);
-        fine.map(|column| column.iter().zip(&w).map(|(a, b)| a * b).sum())
+        let along = lagrange(self.spokes, self.segment.from, self.segment.to).weights(theta);
+        let across = lagrange(self.rings, 0.0, 1.0).weights(rho);
+        std::array::from_fn(|i| {
+            let rings = self.tables[i].chunks_exact(self.spokes);
+            let at_ring = |ring: &[f64]| ring.iter().zip(&along).map(|(v, w)| w * v).sum::<f64>();
+            rings.zip(&across).map(|(ring, w)| at_ring(ring) * w).sum()
+        })
     }
 
     /// ∫∫ Φ/N dp dq over the patch.
@@ -417,7 +419,7 @@ impl Patch {
     /// ∫∫ of the amplitude (table 3) or of Φ/N (table 4) dp dq over the patch.
     fn integral(&self, table: usize, pupil: &Pupil) -> f64 {
         let angles = pupil.angles(&self.segment, 24);
-        let fine = &self.along_theta(&angles)[table];
+        let fine = self.along_theta(table, &angles);
         let to_ring = lagrange(self.rings, 0.0, 1.0);
         let ring = |rho: f64| -> f64 {
             let rows = to_ring.weights(rho).into_iter().zip(fine.chunks_exact(angles.len()));

@@ -20,7 +20,7 @@ use std::sync::OnceLock;
 use crate::real;
 
 /// Rules of fewer nodes are computed once.
-const KEPT: usize = 1024;
+const KEPT: usize = 4096;
 /// The constant c of the map: more makes the density more even and the error of few nodes larger.
 const EVENNESS: f64 = 13.8;
 

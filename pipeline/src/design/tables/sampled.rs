@@ -98,7 +98,7 @@ impl LensTrace<'_> {
             }
         };
         let edges: Option<Vec<Edge>> = (self.tails && self.band.is_none())
-            .then(|| heights.iter().map(|h| pupils.at(*h).edge(tracer.surfaces())).collect());
+            .then(|| heights.par_iter().map(|h| pupils.at(*h).edge(tracer.surfaces())).collect());
         let window_px = match &edges {
             Some(edges) if options.window_px.is_none() => {
                 for_tails(options, plain_px, blur_um(edges), pitch_um)
