@@ -64,7 +64,7 @@ fn triplet(front: f64) -> System {
 
 /// Flux of the field point per unit of its object-side area element, by chords of the pupil.
 fn power(tracer: &Tracer<'_>, tan: f64) -> f64 {
-    let open = |p: f64, q: f64| tracer.overshoot(tan, p, q).0 <= 0.0;
+    let open = |p: f64, q: f64| tracer.passes(tan, p, q);
     let across = unit_interval(9);
     let rows = 160;
     let mut sum = 0.0;

@@ -17,7 +17,8 @@
 //! Source: Welford, chapter 7; Mahajan, J. Opt. Soc. Am. 73, 860 (1983) (Strehl ratio).
 
 use crate::design::prescription::error::DesignError;
-use crate::design::rays::ray::{Clip, ImageRay, Tracer};
+use crate::design::rays::aim::LastAim;
+use crate::design::rays::ray::{ImageRay, Tracer};
 use crate::real;
 use std::f64::consts::TAU;
 
@@ -100,16 +101,15 @@ impl Wavefront {
         let sphere = ReferenceSphere::new(tracer, tan)?;
         let at = |i: usize| (i as f64 - side as f64 / 2.0) / (side as f64 / 2.0 - 1.0);
         let samples = tracer.within_budget(tan, RAYS_PER_POINT * (side * side) as u32, |tracer| {
-            let mut samples = Vec::with_capacity(side * side);
+            let (mut samples, last) = (Vec::with_capacity(side * side), LastAim::default());
             for (x, y) in (0..side * side).map(|i| (at(i % side), at(i / side))) {
                 // Points on the circle are in it, whatever the rounding.
                 if x * x + y * y > 1.0 + 1e-12 {
                     continue;
                 }
-                let mut clip = Some(Clip::NONE);
                 let (p, q) = (x * cos + y * sin, y * cos - x * sin);
-                let Ok(ray) = tracer.ray_in_apertures(tan, p, q, &mut clip) else { continue };
-                if clip.is_some_and(|c| c.passes()) {
+                let Ok((ray, clip)) = tracer.ray_from(&last, tan, p, q) else { continue };
+                if clip.passes() {
                     samples.push(WavefrontSample { x, y, waves: sphere.waves(&ray) });
                 }
             }

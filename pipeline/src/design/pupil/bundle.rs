@@ -9,7 +9,8 @@
 
 use super::openings::Pupil;
 use crate::design::prescription::error::DesignError;
-use crate::design::rays::ray::{Clip, ImageRay, Tracer};
+use crate::design::rays::aim::LastAim;
+use crate::design::rays::ray::{ImageRay, Tracer};
 
 /// Mean over the azimuth of max(|cos|, |sin|), over four sides.
 const SIDE: f64 = 0.225_079;
@@ -42,10 +43,11 @@ impl Bundle {
             let nodes = Pupil::new(tracer, tan)?.nodes(tracer, tan, rings, spokes);
             let (mut rays, mut is_hidden) =
                 (Vec::with_capacity(nodes.len()), Vec::with_capacity(nodes.len()));
+            let last = LastAim::default();
             for n in &nodes {
-                let mut clip = tracer.has_obscurations().then_some(Clip::NONE);
-                rays.push((n.weight, tracer.ray_in_apertures(tan, n.p, n.q, &mut clip)?));
-                is_hidden.push(clip.is_some_and(|c| c.is_hidden()));
+                let (ray, clip) = tracer.ray_from(&last, tan, n.p, n.q)?;
+                rays.push((n.weight, ray));
+                is_hidden.push(tracer.has_obscurations() && clip.is_hidden());
             }
             let chief = tracer.ray(tan, 0.0, 0.0)?;
             Ok(Self { tan, wavelength_um: tracer.wavelength_um, chief, rays, is_hidden })

@@ -11,6 +11,7 @@ use super::chebyshev::{Lagrange, chebyshev, lagrange};
 use super::function::{MAX_REACH_UM, Patch, PupilFunction, RHO, Rims, Sampler, THETA, with_ray_values};
 use super::openings::{Openings, Overshoot, Pupil, Segment};
 use crate::design::prescription::error::DesignError;
+use crate::design::rays::aim::LastAim;
 use crate::design::rays::ray::Tracer;
 use crate::real;
 use crate::simd::lanes::{Lanes, SimdOp};
@@ -79,10 +80,11 @@ impl Disc {
 
     fn add_places(&mut self, tracer: &Tracer<'_>, tan: f64) -> Result<(), DesignError> {
         let (rho, theta) = self.points();
+        let last = LastAim::default();
         for r in &rho {
             for t in &theta {
                 let (s, c) = real::sin_cos(*t);
-                let places = tracer.places(tan, r * c, r * s)?;
+                let places = tracer.places(&last, tan, r * c, r * s)?;
                 self.places.iter_mut().zip(places).for_each(|(table, v)| table.push(v));
             }
         }
@@ -91,7 +93,7 @@ impl Disc {
             let (s, c) = real::sin_cos(share * PI);
             let (p, q) = (r * c, r * s);
             let weights = evaluator.weights(p, q);
-            for (table, expected) in self.places.iter().zip(tracer.places(tan, p, q)?) {
+            for (table, expected) in self.places.iter().zip(tracer.places(&last, tan, p, q)?) {
                 // Far outside its aperture a ray is blocked anyway.
                 if (weights.sum(table) - expected).abs() > PLACE_TOLERANCE * expected.abs().max(1.0) {
                     return Err(tracer.ray_error(tan, p, q, NOT_SMOOTH.to_owned()));

@@ -15,6 +15,7 @@ use super::chebyshev::{chebyshev, lagrange};
 use super::openings::{Pupil, Segment, with_openings};
 use super::quadrature::unit_interval;
 use crate::design::prescription::error::DesignError;
+use crate::design::rays::aim::LastAim;
 use crate::design::rays::ray::{ImageRay, Tracer};
 
 /// Maximum error of the interpolated phase, rad, and relative error of the amplitude.
@@ -92,8 +93,9 @@ pub(super) fn with_ray_values<T>(
     chief: &ImageRay,
     with: impl FnOnce(&Values<'_>) -> T,
 ) -> T {
+    let last = LastAim::default();
     with(&|p, q| {
-        let r = tracer.ray(tan, p, q)?;
+        let (r, _) = tracer.ray_from(&last, tan, p, q)?;
         let (dx, dy) = (r.x.v - chief.x.v, r.y.v);
         Ok(ray_values(&r, chief, (dx, dy)))
     })

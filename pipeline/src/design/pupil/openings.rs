@@ -17,6 +17,7 @@ use std::f64::consts::PI;
 
 use super::quadrature::{oscillating, rounded, unit_interval};
 use crate::design::prescription::error::DesignError;
+use crate::design::rays::aim::LastAim;
 use crate::design::rays::ray::Tracer;
 
 /// Overshoot at pupil coordinates (p, q), and its surface; negative inside.
@@ -33,8 +34,9 @@ pub(super) struct Openings<'a> {
 
 /// Calls `with` with the openings of the field point at `tan`, determined by rays.
 pub(super) fn with_openings<T>(tracer: &Tracer<'_>, tan: f64, with: impl FnOnce(Openings<'_>) -> T) -> T {
-    let over = |p: f64, q: f64| tracer.overshoot(tan, p, q);
-    let hidden = |p: f64, q: f64| tracer.overshoot_of_hidden(tan, p, q);
+    let last = LastAim::default();
+    let over = |p: f64, q: f64| tracer.overshoot(&last, tan, p, q);
+    let hidden = |p: f64, q: f64| tracer.overshoot_of_hidden(&last, tan, p, q);
     with(Openings {
         over: tracer.has_apertures().then_some(&over),
         hidden: tracer.has_obscurations().then_some(&hidden),

@@ -8,6 +8,7 @@
 
 use super::openings::{Pupil, with_openings};
 use crate::design::prescription::error::DesignError;
+use crate::design::rays::aim::LastAim;
 use crate::design::rays::ray::{ImageRay, Tracer};
 use crate::real;
 
@@ -31,7 +32,7 @@ impl Rim {
     pub fn trace(tracer: &Tracer<'_>, tan: f64) -> Result<Self, DesignError> {
         tracer.within_budget(tan, MAX_RAYS, |tracer| {
             let pupil = Pupil::new(tracer, tan)?;
-            let mut rays = Vec::new();
+            let (mut rays, last) = (Vec::new(), LastAim::default());
             with_openings(tracer, tan, |openings| {
                 for segment in &pupil.segments {
                     let angle =
@@ -39,7 +40,7 @@ impl Rim {
                     let radii = segment.radii(openings, (0..=STEPS).map(angle));
                     for (theta, b) in (0..=STEPS).map(angle).zip(radii) {
                         let (s, c) = real::sin_cos(theta);
-                        rays.push(tracer.ray(tan, segment.centre + b * c, b * s)?);
+                        rays.push(tracer.ray_from(&last, tan, segment.centre + b * c, b * s)?.0);
                     }
                 }
                 Ok(())

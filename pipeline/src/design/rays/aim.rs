@@ -5,13 +5,13 @@
 //! the field angle θ, in first order by δ ∝ θ², so a ray at 85° aimed at the paraxial pupil misses the lens. The chief rays are therefore
 //! followed from the axis outwards in steps of the angle: the shift δ of each is extrapolated as a polynomial in θ² through the three before,
 //! and the step is halved where Newton's method fails. The first guess of any other ray is the chief ray of its field angle plus
-//! the derivatives there by (p, q).
+//! the derivatives there by (p, q), or the ray that a search has aimed before it ([`LastAim`]).
 //! The list ends where no chief ray crosses the stop and reaches the image, or at 89.5°.
 
+use std::cell::Cell;
 use std::f64::consts::PI;
 
 use super::ray::{Lost, Tracer};
-use super::scalar::Dual;
 use super::stop_point::{PupilPoint, aimed, approached};
 use crate::design::prescription::error::DesignError;
 use crate::design::prescription::system::RayAiming;
@@ -25,6 +25,13 @@ const MIN_STEP: f64 = STEP / 64.0;
 const MAX_ANGLE: f64 = 179.0 * PI / 360.0;
 /// Steps of the angle that are tried, 179 where none fails.
 const MAX_STEPS: u32 = 1000;
+
+/// Length of the last step of Newton's method, of the entrance pupil's radius: the point is then known to about its square. Chief rays are followed with a shorter one, as
+/// heights are brackets of others.
+pub(super) const SHORT: f64 = 1e-6;
+const SHORT_OF_CHIEFS: f64 = 1e-9;
+/// Distance in pupil coordinates up to which the next ray is aimed from the last one.
+const NEAR: f64 = 0.3;
 
 /// The chief ray of one field angle.
 #[derive(Clone, Copy, Debug, PartialEq)]
@@ -46,34 +53,80 @@ pub(super) struct ChiefRays {
     pub(super) end: Option<DesignError>,
 }
 
+/// The ray that a search has aimed last, from which it aims the next: tan of its field, pupil coordinates, and point. The last digits of a ray depend on the order of the search,
+/// which is the same in every run: one thread has it.
+#[derive(Debug, Default)]
+pub(in crate::design) struct LastAim(Cell<Option<(f64, [f64; 2], PupilPoint)>>);
+
+impl LastAim {
+    /// First guess for (p, q), if the last ray was of the same field and is near.
+    fn guess(&self, tan: f64, p: f64, q: f64) -> Option<[f64; 2]> {
+        let (of_tan, [p0, q0], PupilPoint { at, by }) = self.0.get()?;
+        let [dp, dq] = [p - p0, q - q0];
+        let is_near = of_tan == tan && real::hypot(dp, dq) < NEAR;
+        is_near.then(|| [0, 1].map(|i| at[i] + by[i][0] * dp + by[i][1] * dq))
+    }
+
+    pub(super) fn set(&self, tan: f64, p: f64, q: f64, point: PupilPoint) {
+        self.0.set(Some((tan, [p, q], point)));
+    }
+}
+
 impl Tracer<'_> {
-    /// The point of the entrance pupil plane, mm, for pupil coordinates (p, q), with derivatives by them.
-    pub(super) fn aim(&self, tan: f64, p: f64, q: f64) -> Result<[Dual; 2], DesignError> {
+    /// The point of the entrance pupil plane, mm, for pupil coordinates (p, q).
+    pub(super) fn aim(&self, tan: f64, p: f64, q: f64) -> Result<[f64; 2], DesignError> {
+        self.aim_from(&LastAim::default(), tan, (p, q), SHORT)
+    }
+
+    /// [`Tracer::aim`] in a search that has aimed at `last`, after a step shorter than `short` of the entrance pupil's radius.
+    pub(super) fn aim_from(
+        &self,
+        last: &LastAim,
+        tan: f64,
+        (p, q): (f64, f64),
+        short: f64,
+    ) -> Result<[f64; 2], DesignError> {
         let radius = self.primary.entrance_radius_mm;
         if self.aiming() == RayAiming::Paraxial {
-            return Ok([Dual::new(p * radius, radius, 0.0), Dual::new(q * radius, 0.0, radius)]);
+            return Ok([p * radius, q * radius]);
+        }
+        let newton = |p: f64, q: f64, at: [f64; 2]| self.newton(tan, (p, q), at, short * radius);
+        if let Some(guess) = last.guess(tan, p, q)
+            && let Ok(point) = newton(p, q, guess)
+        {
+            last.set(tan, p, q, point);
+            return Ok(point.at);
         }
         let [x, dx, dy] = if tan == 0.0 { [0.0, radius, radius] } else { self.chiefs().near(tan) };
-        let direct = self.newton(tan, p, q, [x + p * dx, q * dy]);
-        let found = direct.or_else(|first| {
+        let point = newton(p, q, [x + p * dx, q * dy]).or_else(|first| {
             if (p, q) == (0.0, 0.0) {
                 return Err(first);
             }
-            let centre = self.newton(tan, 0.0, 0.0, [x, 0.0]).map_err(|_| first.clone())?;
-            approached(centre, (p, q), |p, q, guess| self.newton(tan, p, q, guess)).map_err(|_| first)
-        });
-        found.map(PupilPoint::dual)
+            let centre = newton(0.0, 0.0, [x, 0.0]).map_err(|_| first.clone())?;
+            approached(centre, (p, q), newton).map_err(|_| first)
+        })?;
+        last.set(tan, p, q, point);
+        Ok(point.at)
     }
 
-    fn newton(&self, tan: f64, p: f64, q: f64, at: [f64; 2]) -> Result<PupilPoint, DesignError> {
-        let radius_mm = self.stop_sign() * self.stop_radius_mm();
-        let found = aimed((p, q), radius_mm, at, 1e-4 * self.primary.entrance_radius_mm, |[x, y]| {
+    fn newton(
+        &self,
+        tan: f64,
+        (p, q): (f64, f64),
+        at: [f64; 2],
+        short_mm: f64,
+    ) -> Result<PupilPoint, DesignError> {
+        let found = aimed((p, q), self.stop_scale_mm(), at, short_mm, |[x, y]| {
             self.count_ray(tan)?;
-            let hit = self.run(self.launch(tan, x, y), self.stop(), &mut None);
+            let hit = self.run(self.launch(tan, x, y), self.stop(), |_, _| {});
             let [x, y, ..] = hit.map_err(|lost| self.lost_in_search(tan, p, q, lost))?.p;
             Ok([x, y])
         })?;
-        found.ok_or_else(|| self.ray_error(tan, p, q, "cannot be aimed at the stop".to_owned()))
+        found.ok_or_else(|| self.not_aimed(tan, p, q))
+    }
+
+    pub(super) fn not_aimed(&self, tan: f64, p: f64, q: f64) -> DesignError {
+        self.ray_error(tan, p, q, "cannot be aimed at the stop".to_owned())
     }
 
     /// Follows the chief rays from the axis outwards.
@@ -105,13 +158,14 @@ impl Tracer<'_> {
     }
 
     fn chief(&self, tan: f64, guess: [f64; 2]) -> Result<([f64; 3], f64), DesignError> {
-        let [x, y] = match self.aiming() {
-            RayAiming::Paraxial => self.aim(tan, 0.0, 0.0)?,
-            RayAiming::Real => self.newton(tan, 0.0, 0.0, guess)?.dual(),
+        let radius = self.primary.entrance_radius_mm;
+        let PupilPoint { at: [x, y], by } = match self.aiming() {
+            RayAiming::Paraxial => PupilPoint { at: [0.0; 2], by: [[radius, 0.0], [0.0, radius]] },
+            RayAiming::Real => self.newton(tan, (0.0, 0.0), guess, SHORT_OF_CHIEFS * radius)?,
         };
-        let image = self.run(self.launch(tan, x.v, y.v), self.image(), &mut None);
+        let image = self.run(self.launch(tan, x, y), self.image(), |_, _| {});
         let lost = |lost: Lost| self.lost(tan, 0.0, 0.0, lost);
-        Ok(([x.v, x.d[0], y.d[1]], image.map_err(lost)?.p[0]))
+        Ok(([x, by[0][0], by[1][1]], image.map_err(lost)?.p[0]))
     }
 }
 

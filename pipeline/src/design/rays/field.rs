@@ -27,17 +27,20 @@ impl Tracer<'_> {
     pub fn chief_height_and_slope(&self, tan: f64) -> Result<(f64, f64), DesignError> {
         let [x, _] = self.aim(tan, 0.0, 0.0)?;
         // Derivatives by (tan, x).
-        let ray = self.launch(Dual::new(tan, 1.0, 0.0), Dual::new(x.v, 0.0, 1.0), Dual::new(0.0, 0.0, 0.0));
-        let lost = |lost| self.lost(tan, 0.0, 0.0, lost);
-        let follow = match self.aiming() {
-            RayAiming::Paraxial => 0.0,
-            RayAiming::Real => {
-                let stop = self.run(ray, self.stop(), &mut None).map_err(lost)?.p[0];
-                -stop.d[0] / stop.d[1]
+        let ray = self.launch(Dual::new(tan, 1.0, 0.0), Dual::new(x, 0.0, 1.0), Dual::new(0.0, 0.0, 0.0));
+        let mut at_stop = Dual::new(0.0, 0.0, 1.0);
+        let image = self.run(ray, self.image(), |i, ray| {
+            if i == self.stop() {
+                at_stop = ray.p[0];
             }
+        });
+        let h = image.map_err(|lost| self.lost(tan, 0.0, 0.0, lost))?.p[0];
+        // What is left of the distance from the centre of the stop, and how x follows from tan.
+        let [missed, follow] = match self.aiming() {
+            RayAiming::Paraxial => [0.0; 2],
+            RayAiming::Real => [at_stop.v, at_stop.d[0]].map(|v| -v / at_stop.d[1]),
         };
-        let h = self.run(ray, self.image(), &mut None).map_err(lost)?.p[0];
-        Ok((h.v, h.d[0] + h.d[1] * follow))
+        Ok((h.v + h.d[1] * missed, h.d[0] + h.d[1] * follow))
     }
 
     /// The field point whose chief ray has the image height `height_mm`, as tan of its field angle.

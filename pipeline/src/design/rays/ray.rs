@@ -12,15 +12,23 @@
 
 use std::sync::OnceLock;
 
-use super::aim::ChiefRays;
+use super::aim::{ChiefRays, LastAim, SHORT};
 use super::ideal_lens::{IdealLens, ideal_lenses};
 use super::losses::Losses;
 use super::paraxial::Paraxial;
 use super::ray_budget::RayBudget;
 use super::scalar::{Dual, Scalar};
+use super::stop_point::{PupilPoint, Step};
 use super::surface::{Ray, Stopped};
 use crate::design::prescription::error::DesignError;
 use crate::design::prescription::system::{RayAiming, System};
+
+/// Last step of Newton's method, of the entrance pupil's radius, after which a ray is traced with derivatives, and the distance up to which its values follow from them: their
+/// errors are of second order, 1e-12 of an aberration, those of the derivatives of first order, 1e-6.
+const TRACED: f64 = 3e-4;
+const LINEAR: f64 = 1e-6;
+/// Rays that are traced with derivatives until one is that near; the second mostly is.
+const MAX_TRACED: usize = 4;
 
 /// A system with its indices for rays of one wavelength.
 #[derive(Clone, Debug)]
@@ -137,14 +145,14 @@ impl<'a> Tracer<'a> {
         {
             let radius = tracer.primary.entrance_radius_mm;
             let ray = tracer.launch(0.0, radius, 0.0);
-            let at_stop = tracer.run(ray, system.stop, &mut None);
+            let at_stop = tracer.run(ray, system.stop, |_, _| {});
             tracer.stop_radius_mm = at_stop.map_err(|lost| tracer.lost(0.0, 1.0, 0.0, lost))?.p[0].abs();
         }
         tracer.indices = indices(system, um)?;
         tracer.ideal = ideal_lenses(system, &tracer.indices);
         tracer.wavelength_um = um;
         let near_axis = tracer.launch(0.0, 1e-6 * tracer.primary.entrance_radius_mm, 0.0);
-        tracer.stop_sign = tracer.run(near_axis, system.stop, &mut None).map_or(1.0, |r| r.p[0].signum());
+        tracer.stop_sign = tracer.run(near_axis, system.stop, |_, _| {}).map_or(1.0, |r| r.p[0].signum());
         Ok(tracer)
     }
 
@@ -169,9 +177,8 @@ impl<'a> Tracer<'a> {
     }
 
     /// Share of the light of the ray from `start` that is left at the image; 1 without coatings.
-    fn share_left(&self, start: &Ray<Dual>) -> Result<f64, Lost> {
+    fn share_left(&self, start: Ray<f64>) -> Result<f64, Lost> {
         let Some(losses) = &self.losses else { return Ok(1.0) };
-        let start = Ray { p: start.p.map(|v| v.v), d: start.d.map(|v| v.v), path: start.path.v };
         losses.share(self.system, &self.indices, start, |i, ray| self.bend(i, ray))
     }
 
@@ -180,26 +187,17 @@ impl<'a> Tracer<'a> {
         self.has_obscurations
     }
 
-    /// Traces `ray` to its intersection with surface `last`, without refraction there; `clip` collects its places in apertures.
+    /// Traces `ray` to its intersection with surface `last`, without refraction there; `met` is called where it meets each surface.
     pub(super) fn run<T: Scalar>(
         &self,
         mut ray: Ray<T>,
         last: usize,
-        clip: &mut Option<Clip>,
+        mut met: impl FnMut(usize, &Ray<T>),
     ) -> Result<Ray<T>, Lost> {
         for (i, s) in self.system.surfaces.iter().enumerate().take(last + 1) {
             let lost = |why| Lost { surface: i, why };
             s.shape.meet(&mut ray, self.indices[i]).map_err(lost)?;
-            if let Some(clip) = clip.as_mut() {
-                let (x, y) = (ray.p[0].value(), ray.p[1].value());
-                let place = |a: f64| ((x * x + y * y) / (a * a) - 1.0, i);
-                if let Some(over) = s.aperture_mm.map(place).filter(|o| o.0 > clip.over.0) {
-                    clip.over = over;
-                }
-                if let Some(hidden) = s.obscuration_mm.map(place).filter(|h| h.0 < clip.hidden.0) {
-                    clip.hidden = hidden;
-                }
-            }
+            met(i, &ray);
             if i == last {
                 break;
             }
@@ -207,6 +205,19 @@ impl<'a> Tracer<'a> {
             ray.p[2] = ray.p[2] - T::of(s.thickness_mm);
         }
         Ok(ray)
+    }
+
+    /// Adds the place of `ray` at surface `i` to `clip`.
+    fn clip_at<T: Scalar>(&self, clip: &mut Clip, i: usize, ray: &Ray<T>) {
+        let s = &self.system.surfaces[i];
+        let (x, y) = (ray.p[0].value(), ray.p[1].value());
+        let place = |a: f64| ((x * x + y * y) / (a * a) - 1.0, i);
+        if let Some(over) = s.aperture_mm.map(place).filter(|o| o.0 > clip.over.0) {
+            clip.over = over;
+        }
+        if let Some(hidden) = s.obscuration_mm.map(place).filter(|h| h.0 < clip.hidden.0) {
+            clip.hidden = hidden;
+        }
     }
 
     /// Bends `ray` at surface `i`.
@@ -258,9 +269,9 @@ impl<'a> Tracer<'a> {
         self.stop_radius_mm
     }
 
-    /// Sign of the magnification from entrance pupil to stop; pupil coordinates follow the entrance pupil.
-    pub(super) fn stop_sign(&self) -> f64 {
-        self.stop_sign
+    /// Coordinate in the stop over pupil coordinate, mm: negative where the stop is imaged upside down into the entrance pupil, which pupil coordinates follow.
+    pub(super) fn stop_scale_mm(&self) -> f64 {
+        self.stop_sign * self.stop_radius_mm
     }
 
     /// Sign of a field point for an image on +x.
@@ -287,35 +298,82 @@ impl<'a> Tracer<'a> {
     /// # Errors
     /// [`DesignError::Ray`] if it does not reach the image.
     pub fn ray(&self, tan: f64, p: f64, q: f64) -> Result<ImageRay, DesignError> {
-        self.ray_in_apertures(tan, p, q, &mut None)
+        Ok(self.ray_from(&LastAim::default(), tan, p, q)?.0)
     }
 
-    /// [`Tracer::ray`]; `clip` collects its places in apertures.
-    pub(in crate::design) fn ray_in_apertures(
+    /// [`Tracer::ray`], in a search that has aimed at `last`, and its places in apertures to about 1e-6.
+    ///
+    /// # Errors
+    /// As there.
+    pub(in crate::design) fn ray_from(
         &self,
+        last: &LastAim,
         tan: f64,
         p: f64,
         q: f64,
-        clip: &mut Option<Clip>,
-    ) -> Result<ImageRay, DesignError> {
-        let [x, y] = self.aim(tan, p, q)?;
-        let start = self.launch(tan, x, y);
-        let flux = match self.system.object_distance_mm {
-            None => [x, y],
-            Some(_) => [start.d[0], start.d[1]],
-        };
-        let share = self.share_left(&start).map_err(|lost| self.lost(tan, p, q, lost))?;
-        let r = self.run(start, self.system.image(), clip).map_err(|lost| self.lost(tan, p, q, lost))?;
-        let index = Dual::of(self.indices[self.system.image()]);
-        Ok(ImageRay {
-            x: r.p[0],
-            y: r.p[1],
-            l: index * r.d[0],
-            m: index * r.d[1],
-            n: (index * r.d[2]).v,
-            path: r.path,
-            flux: (flux[0].d[0] * flux[1].d[1] - flux[0].d[1] * flux[1].d[0]).abs() * share,
-        })
+    ) -> Result<(ImageRay, Clip), DesignError> {
+        let at = self.aim_from(last, tan, (p, q), TRACED)?;
+        let (point, found) = self.ray_near(at, tan, p, q).or_else(|first| {
+            let at = self.aim(tan, p, q)?;
+            self.ray_near(at, tan, p, q).map_err(|_| first)
+        })?;
+        last.set(tan, p, q, point);
+        Ok(found)
+    }
+
+    /// The ray through (p, q), its places in apertures and its point in the entrance pupil plane, from the point `at` nearby, mm.
+    ///
+    /// Near a ray, coordinates at the stop and on the image are linear in its point of the entrance pupil plane: the values of the ray through (p, q), and their derivatives by
+    /// p and q, follow from a ray nearby with derivatives by the point.
+    fn ray_near(
+        &self,
+        mut at: [f64; 2],
+        tan: f64,
+        p: f64,
+        q: f64,
+    ) -> Result<(PupilPoint, (ImageRay, Clip)), DesignError> {
+        let lost = |lost| self.lost(tan, p, q, lost);
+        let radius_mm = self.primary.entrance_radius_mm;
+        // By (p, q), or by the point.
+        let scale = if self.aiming() == RayAiming::Paraxial { radius_mm } else { 1.0 };
+        for _ in 0..MAX_TRACED {
+            let start = self.launch(tan, Dual::new(at[0], scale, 0.0), Dual::new(at[1], 0.0, scale));
+            let (mut at_stop, mut clip) = (start.p, Clip::NONE);
+            let met = |i, ray: &Ray<Dual>| {
+                self.clip_at(&mut clip, i, ray);
+                if i == self.system.stop {
+                    at_stop = ray.p;
+                }
+            };
+            let r = self.run(start, self.system.image(), met).map_err(lost)?;
+            let step = match self.aiming() {
+                RayAiming::Paraxial => Some(Step::NONE),
+                RayAiming::Real => Step::new([at_stop[0], at_stop[1]], (p, q), self.stop_scale_mm()),
+            };
+            let Some(step) = step else { break };
+            at = [at[0] + step.mm[0], at[1] + step.mm[1]];
+            if step.length_mm() > LINEAR * radius_mm {
+                continue;
+            }
+            let share = self.share_left(self.launch(tan, at[0], at[1])).map_err(lost)?;
+            let index = Dual::of(self.indices[self.system.image()]);
+            let flux = match self.system.object_distance_mm {
+                None => [start.p[0], start.p[1]],
+                Some(_) => [start.d[0], start.d[1]],
+            };
+            let [a, b] = flux.map(|v| step.carry(v).d);
+            let ray = ImageRay {
+                x: step.carry(r.p[0]),
+                y: step.carry(r.p[1]),
+                l: index * step.carry(r.d[0]),
+                m: index * step.carry(r.d[1]),
+                n: (index * step.carry(r.d[2])).v,
+                path: step.carry(r.path),
+                flux: (a[0] * b[1] - a[1] * b[0]).abs() * share,
+            };
+            return Ok((PupilPoint { at, by: step.by }, (ray, clip)));
+        }
+        Err(self.not_aimed(tan, p, q))
     }
 
     /// Intersections (z, x) in mm of the meridional ray through pupil height `p` with all surfaces, z from the first vertex; the first
@@ -325,7 +383,7 @@ impl<'a> Tracer<'a> {
     /// [`DesignError::Ray`] if it does not reach the image.
     pub fn path(&self, tan: f64, p: f64, before_mm: f64) -> Result<Vec<(f64, f64)>, DesignError> {
         let [x, _] = self.aim(tan, p, 0.0)?;
-        let ray = self.launch(tan, x.v, 0.0);
+        let ray = self.launch(tan, x, 0.0);
         let slope = ray.d[0] / ray.d[2];
         let first = (-before_mm, ray.p[0] - slope * (ray.p[2] + before_mm));
         let points = self.meridional_ray(tan, p)?;
@@ -339,7 +397,7 @@ impl<'a> Tracer<'a> {
     /// [`DesignError::Ray`] if it does not reach the image.
     pub fn meridional_ray(&self, tan: f64, p: f64) -> Result<Vec<[f64; 3]>, DesignError> {
         let [x, _] = self.aim(tan, p, 0.0)?;
-        let mut ray = self.launch(tan, x.v, 0.0);
+        let mut ray = self.launch(tan, x, 0.0);
         let axis = self.system.axis();
         let mut points = Vec::with_capacity(axis.len());
         for (i, s) in self.system.surfaces.iter().enumerate() {
@@ -356,31 +414,38 @@ impl<'a> Tracer<'a> {
         Ok(points)
     }
 
-    /// Maximum overshoot of an aperture by the ray through (p, q), and its surface: (r²/a² − 1, surface). A ray that does not reach the
+    /// Maximum overshoot of an aperture by the ray through (p, q), and its surface: (r²/a² − 1, surface), in a search that has aimed at `last`. A ray that does not reach the
     /// image counts as blocked at the surface where it ends.
-    pub fn overshoot(&self, tan: f64, p: f64, q: f64) -> (f64, usize) {
-        self.clip(tan, p, q).over
+    pub(in crate::design) fn overshoot(&self, last: &LastAim, tan: f64, p: f64, q: f64) -> (f64, usize) {
+        self.clip(last, tan, p, q).over
     }
 
     /// Overshoot of the part of the pupil that is hidden by central obscurations: negative where a ray passes all apertures and is hidden. The
     /// surface of an obscuration is counted from the number of surfaces.
-    pub(in crate::design) fn overshoot_of_hidden(&self, tan: f64, p: f64, q: f64) -> (f64, usize) {
-        let clip = self.clip(tan, p, q);
+    pub(in crate::design) fn overshoot_of_hidden(
+        &self,
+        last: &LastAim,
+        tan: f64,
+        p: f64,
+        q: f64,
+    ) -> (f64, usize) {
+        let clip = self.clip(last, tan, p, q);
         let hidden = (clip.hidden.0, self.system.surfaces.len() + clip.hidden.1);
         if clip.over.0 > hidden.0 { clip.over } else { hidden }
     }
 
     /// Whether the ray through (p, q) reaches the image: no aperture and no obscuration blocks it.
     pub fn passes(&self, tan: f64, p: f64, q: f64) -> bool {
-        self.clip(tan, p, q).passes()
+        self.clip(&LastAim::default(), tan, p, q).passes()
     }
 
     /// Intersection with the image plane, mm, of the ray through (p, q), if no aperture and no obscuration blocks it.
     pub(in crate::design) fn landing(&self, tan: f64, p: f64, q: f64) -> Option<(f64, f64)> {
         let [x, y] = self.aim(tan, p, q).ok()?;
-        let mut clip = Some(Clip::NONE);
-        let ray = self.run(self.launch(tan, x.v, y.v), self.system.image(), &mut clip).ok()?;
-        clip.is_some_and(|c| c.passes()).then_some((ray.p[0], ray.p[1]))
+        let mut clip = Clip::NONE;
+        let met = |i, ray: &Ray<f64>| self.clip_at(&mut clip, i, ray);
+        let ray = self.run(self.launch(tan, x, y), self.system.image(), met).ok()?;
+        clip.passes().then_some((ray.p[0], ray.p[1]))
     }
 
     /// The surfaces with an aperture, then those with an obscuration.
@@ -391,25 +456,27 @@ impl<'a> Tracer<'a> {
         [apertures.collect(), obscurations.collect()]
     }
 
-    /// r²/a² − 1 at each of [`Tracer::limits`] for the ray through (p, q), whatever blocks it.
+    /// r²/a² − 1 at each of [`Tracer::limits`] for the ray through (p, q), whatever blocks it, in a search that has aimed at `last`.
     ///
     /// # Errors
     /// [`DesignError::Ray`] if it does not reach the image.
-    pub(in crate::design) fn places(&self, tan: f64, p: f64, q: f64) -> Result<Vec<f64>, DesignError> {
-        let [x, y] = self.aim(tan, p, q)?;
-        let mut ray = self.launch(tan, x.v, y.v);
+    pub(in crate::design) fn places(
+        &self,
+        last: &LastAim,
+        tan: f64,
+        p: f64,
+        q: f64,
+    ) -> Result<Vec<f64>, DesignError> {
+        let [x, y] = self.aim_from(last, tan, (p, q), SHORT)?;
         let (mut places, mut hidden) = (Vec::new(), Vec::new());
-        for (i, s) in self.system.surfaces.iter().enumerate() {
-            let lost = |why| self.lost(tan, p, q, Lost { surface: i, why });
-            s.shape.meet(&mut ray, self.indices[i]).map_err(lost)?;
+        let met = |i: usize, ray: &Ray<f64>| {
+            let s = &self.system.surfaces[i];
             let place = |a: f64| (ray.p[0] * ray.p[0] + ray.p[1] * ray.p[1]) / (a * a) - 1.0;
             places.extend(s.aperture_mm.map(place));
             hidden.extend(s.obscuration_mm.map(place));
-            if i < self.system.image() {
-                self.bend(i, &mut ray).map_err(lost)?;
-                ray.p[2] -= s.thickness_mm;
-            }
-        }
+        };
+        self.run(self.launch(tan, x, y), self.system.image(), met)
+            .map_err(|lost| self.lost(tan, p, q, lost))?;
         places.append(&mut hidden);
         Ok(places)
     }
@@ -419,15 +486,14 @@ impl<'a> Tracer<'a> {
         self.system.surfaces.len()
     }
 
-    fn clip(&self, tan: f64, p: f64, q: f64) -> Clip {
-        let mut clip = Some(Clip::NONE);
+    fn clip(&self, last: &LastAim, tan: f64, p: f64, q: f64) -> Clip {
         let blocked = |surface| Clip { over: (1.0, surface), ..Clip::NONE };
-        match self.aim(tan, p, q) {
-            Ok([x, y]) => match self.run(self.launch(tan, x.v, y.v), self.system.image(), &mut clip) {
-                Ok(_) => clip.unwrap_or(Clip::NONE),
-                Err(lost) => blocked(lost.surface),
-            },
-            Err(_) => blocked(self.system.stop),
+        let Ok([x, y]) = self.aim_from(last, tan, (p, q), SHORT) else { return blocked(self.system.stop) };
+        let mut clip = Clip::NONE;
+        let met = |i, ray: &Ray<f64>| self.clip_at(&mut clip, i, ray);
+        match self.run(self.launch(tan, x, y), self.system.image(), met) {
+            Ok(_) => clip,
+            Err(lost) => blocked(lost.surface),
         }
     }
 }

@@ -1,6 +1,6 @@
 //! Budget of the rays that a search may aim.
 //!
-//! To aim a ray costs 3 to 8 rays to the stop in a real lens. Where surfaces fold over (aspheric coefficients with a wrong digit) most rays
+//! To aim a ray costs 1 to 8 rays to the stop in a real lens. Where surfaces fold over (aspheric coefficients with a wrong digit) most rays
 //! are lost, each after hundreds of attempts, and the search for the rim of the pupil takes seconds. The rays to the stop that one search
 //! aims are therefore counted, on one thread, so that the result is the same on every machine; a search with more of them is an error that
 //! names the surface at which most rays were lost.

@@ -3,13 +3,12 @@
 //!   a ← a + J⁻¹·(s − S(a)),   J = ∂S/∂a
 //!
 //! a: point of the entrance pupil plane, mm. S(a): where its ray crosses the stop, mm, with exact derivatives. s: the given point
-//! of the stop, mm: (p, q)·(radius of the stop) for the pupil coordinates (p, q). Once a step is short, one more squares
-//! its error. Where the method fails from the first guess, (p, q) is approached along its radius from another point.
+//! of the stop, mm: (p, q)·(radius of the stop) for the pupil coordinates (p, q). A step about squares the error, in units of the pupil. Where the method fails from the first guess, (p, q) is approached along its radius from another point.
 
 use super::scalar::Dual;
 use crate::real;
 
-/// Iterations; rays of real lenses need 3 to 8.
+/// Iterations; rays of real lenses need 1 to 8.
 const ITERATIONS: u32 = 20;
 /// Steps towards a point that cannot be aimed at directly.
 const PUPIL_STEPS: u32 = 12;
@@ -19,7 +18,7 @@ const PUPIL_STEPS: u32 = 12;
 pub(in crate::design) struct PupilPoint {
     /// x and y, mm.
     pub(in crate::design) at: [f64; 2],
-    /// d(x, y)/d(p, q), mm.
+    /// d(x, y)/d(p, q), mm, at the point before the last step.
     pub(in crate::design) by: [[f64; 2]; 2],
 }
 
@@ -30,8 +29,47 @@ impl PupilPoint {
     }
 }
 
-/// The point whose ray crosses the stop at (p, q)·`radius_mm`, from the first guess `at`; none if there is no such ray nearby. `stop`: where
-/// the ray of a point crosses the stop. `short_mm`: a step after which one more suffices.
+/// A step of Newton's method.
+#[derive(Clone, Copy, Debug)]
+pub(in crate::design) struct Step {
+    /// To the next point, mm.
+    pub(in crate::design) mm: [f64; 2],
+    /// d(x, y)/d(p, q) at the point before it, mm.
+    pub(in crate::design) by: [[f64; 2]; 2],
+}
+
+impl Step {
+    /// None, of derivatives by (p, q).
+    pub(in crate::design) const NONE: Self = Self { mm: [0.0; 2], by: [[1.0, 0.0], [0.0, 1.0]] };
+
+    /// From a point whose ray crosses the stop at `hit`, with derivatives by the point, towards (p, q)·`radius_mm`; none where rays of neighbouring points cross it
+    /// at the same place.
+    pub(in crate::design) fn new(hit: [Dual; 2], (p, q): (f64, f64), radius_mm: f64) -> Option<Self> {
+        let (a, b) = (hit[0].d, hit[1].d);
+        let det = a[0] * b[1] - a[1] * b[0];
+        // Columns of the inverse: d(pupil plane)/d(stop).
+        let inverse = [[b[1] / det, -a[1] / det], [-b[0] / det, a[0] / det]];
+        let miss = [radius_mm * p - hit[0].v, radius_mm * q - hit[1].v];
+        let mm = inverse.map(|row| row[0] * miss[0] + row[1] * miss[1]);
+        let is_finite = mm[0].is_finite() && mm[1].is_finite();
+        is_finite.then(|| Self { mm, by: inverse.map(|row| row.map(|v| v * radius_mm)) })
+    }
+
+    /// `v`, with derivatives by the point before it, at the next point, with derivatives by (p, q).
+    pub(in crate::design) fn carry(&self, v: Dual) -> Dual {
+        let along = |d: [f64; 2]| v.d[0] * d[0] + v.d[1] * d[1];
+        let [[a, b], [c, d]] = self.by;
+        Dual::new(v.v + along(self.mm), along([a, c]), along([b, d]))
+    }
+
+    /// Its length, mm.
+    pub(in crate::design) fn length_mm(&self) -> f64 {
+        real::hypot(self.mm[0], self.mm[1])
+    }
+}
+
+/// The point whose ray crosses the stop at (p, q)·`radius_mm`, from the first guess `at`, after a step shorter than `short_mm`, which about squares its error; none
+/// if there is no such ray nearby. `stop`: where the ray of a point crosses the stop.
 ///
 /// # Errors
 /// Those of `stop`.
@@ -42,24 +80,13 @@ pub(in crate::design) fn aimed<E>(
     short_mm: f64,
     stop: impl Fn([Dual; 2]) -> Result<[Dual; 2], E>,
 ) -> Result<Option<PupilPoint>, E> {
-    let mut done = false;
     for _ in 0..ITERATIONS {
         let hit = stop([Dual::new(at[0], 1.0, 0.0), Dual::new(at[1], 0.0, 1.0)])?;
-        let (a, b) = (hit[0].d, hit[1].d);
-        let det = a[0] * b[1] - a[1] * b[0];
-        // Columns of the inverse: d(pupil plane)/d(stop).
-        let inverse = [[b[1] / det, -a[1] / det], [-b[0] / det, a[0] / det]];
-        let miss = [radius_mm * p - hit[0].v, radius_mm * q - hit[1].v];
-        let step = inverse.map(|row| row[0] * miss[0] + row[1] * miss[1]);
-        if !(step[0].is_finite() && step[1].is_finite()) {
-            break;
+        let Some(step) = Step::new(hit, (p, q), radius_mm) else { break };
+        at = [at[0] + step.mm[0], at[1] + step.mm[1]];
+        if step.length_mm() < short_mm {
+            return Ok(Some(PupilPoint { at, by: step.by }));
         }
-        at = [at[0] + step[0], at[1] + step[1]];
-        if done {
-            return Ok(Some(PupilPoint { at, by: inverse.map(|row| row.map(|v| v * radius_mm)) }));
-        }
-        // One more iteration squares the error of the point and computes the derivatives there.
-        done = real::hypot(step[0], step[1]) < short_mm;
     }
     Ok(None)
 }

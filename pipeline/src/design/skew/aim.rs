@@ -18,6 +18,8 @@ use crate::design::rays::scalar::Dual;
 use crate::design::rays::stop_point::{PupilPoint, aimed, approached};
 use crate::real;
 
+/// Length of the last step of Newton's method, of the entrance pupil's radius: derivatives, which are those before it, have about that error.
+const SHORT: f64 = 1e-9;
 /// Azimuths along which chief rays are followed.
 const SPOKES: usize = 8;
 /// Step of the chief rays' angle, rad.
@@ -72,7 +74,7 @@ impl SkewTracer<'_> {
 
     /// The point and its derivatives by (p, q), from the first guess `at`.
     fn newton(&self, t: [f64; 2], p: f64, q: f64, at: [f64; 2]) -> Result<PupilPoint, DesignError> {
-        let short_mm = 1e-4 * self.primary.entrance_radius_mm;
+        let short_mm = SHORT * self.primary.entrance_radius_mm;
         let found = aimed((p, q), self.stop_scale_mm(), at, short_mm, |[x, y]| {
             let hit = self.run(self.launch(t.map(Dual::from), x, y), self.system().stop, |_, _| {});
             let [x, y, ..] = hit.map_err(|lost| self.lost(t, p, q, lost))?.p;
