@@ -1,6 +1,7 @@
 //! First-order optics, and real rays from a field point through the pupil to the film.
 
 pub(super) mod aim;
+pub(super) mod clip;
 mod field;
 pub(super) mod ideal_lens;
 mod launch;
