@@ -48,6 +48,23 @@ async function open(browser, url, options = {}) {
   return { page, context, errors };
 }
 const ready = (page) => page.waitForFunction(() => document.body.dataset.ready === "true" && !document.getElementById("busy").textContent, null, { timeout: 120000 });
+/** Waits until tiles are there and the canvas has had the same pixels for three readings: frames come late on a busy machine. */
+async function still(page) {
+  await page.waitForTimeout(300);
+  await ready(page);
+  await page.evaluate(async () => {
+    const canvas = document.querySelector("#view canvas");
+    const sum = () => canvas.getContext("2d").getImageData(0, 0, canvas.width, canvas.height).data.reduce((a, v) => (a * 31 + v) | 0, 0);
+    for (let last, same = 0; same < 3;) {
+      await new Promise((done) => setTimeout(done, 100));
+      await new Promise(requestAnimationFrame);
+      const now = sum();
+      same = now === last ? same + 1 : 0;
+      last = now;
+    }
+  });
+  await ready(page);
+}
 const screenshot = async (page, name) => { if (SHOTS) { mkdirSync(SHOTS, { recursive: true }); await page.screenshot({ path: join(SHOTS, `${name}.png`) }); } };
 const text = (page, id) => page.locator(`#${id}`).textContent();
 
@@ -70,8 +87,7 @@ async function viewing(browser, url) {
   const middle = [box.x + box.width / 2, box.y + box.height / 2];
   await page.mouse.move(...middle);
   for (let i = 0; i < 6; i += 1) await page.mouse.wheel(0, -300);
-  await page.waitForTimeout(900);
-  await ready(page);
+  await still(page);
   const after = await text(page, "zoom");
   check(before !== after && /^[\d.]+ : 1$/.test(after), `the wheel zooms: ${before}, then ${after}`);
 
@@ -100,17 +116,13 @@ async function viewing(browser, url) {
   });
   await page.keyboard.press("c");
   await page.keyboard.press("0");
-  await page.waitForTimeout(700);
-  await ready(page);
+  await still(page);
   const bright = await mean();
   for (let i = 0; i < 4; i += 1) await page.keyboard.press("[");
-  await page.waitForTimeout(300);
-  await ready(page);
-  await page.waitForTimeout(200);
+  await still(page);
   check(await mean() < bright * 0.9, `[ makes it darker: ${bright}, then ${await mean()}`);
   await page.locator("#reset").click();
-  await page.waitForTimeout(200);
-  await ready(page);
+  await still(page);
 
   // Spectrum of a pixel, compared with the store; position and lens data.
   await page.locator("#px").fill("40");
@@ -133,7 +145,7 @@ async function viewing(browser, url) {
   await page.keyboard.press("Escape");
   await page.locator("#view .openseadragon-canvas").focus();
   await page.keyboard.press("0");
-  await page.waitForTimeout(900);
+  await still(page);
   await page.keyboard.press("Enter");
   await page.waitForFunction(() => document.body.dataset.pixel !== "40,31" && !document.getElementById("pin").hidden);
   const [px, py] = (await page.evaluate(() => document.body.dataset.pixel)).split(",").map(Number);
@@ -143,11 +155,11 @@ async function viewing(browser, url) {
   const at = () => page.evaluate(() => document.getElementById("pin").style.left);
   const left = await at();
   await page.keyboard.press("ArrowRight");
-  await page.waitForTimeout(700);
+  await still(page);
   check(await at() !== left, "arrows move the picture");
   const zoomed = await text(page, "zoom");
   await page.keyboard.press("+");
-  await page.waitForTimeout(700);
+  await still(page);
   check(await text(page, "zoom") !== zoomed, "plus zooms");
   await page.keyboard.press("?");
   check(await page.locator("#help").evaluate((d) => d.open), "? shows the keys");
@@ -182,8 +194,7 @@ async function swipes(browser, url) {
   const line = page.locator("#swipe-line");
   await page.locator("#swipe").click();
   await page.waitForFunction(() => !document.getElementById("swipe-line").hidden);
-  await page.waitForTimeout(300);
-  await ready(page);
+  await still(page);
   const column = (share) => page.evaluate((share) => {
     const c = document.querySelector("#view canvas");
     const data = c.getContext("2d").getImageData(Math.round(c.width * share), 0, 1, c.height).data;
@@ -196,12 +207,12 @@ async function swipes(browser, url) {
   await page.mouse.down();
   await page.mouse.move(box.x + box.width * 0.8, at.y + 200, { steps: 5 });
   await page.mouse.up();
-  await page.waitForTimeout(300);
+  await still(page);
   check(await line.getAttribute("aria-valuenow") === "80", `the line is at ${await line.getAttribute("aria-valuenow")}`);
   check(await column(0.42) === film && await column(0.58) !== chart, "left of the line is the film, and the film differs from the chart");
   await line.focus();
   for (let i = 0; i < 25; i += 1) await page.keyboard.press("ArrowLeft");
-  await page.waitForTimeout(300);
+  await still(page);
   const place = await line.getAttribute("aria-valuenow");
   check(place === "30", `arrows move the line to ${place}`);
   const again = await column(0.58);
@@ -211,7 +222,7 @@ async function swipes(browser, url) {
   for (let i = 0; i < 10; i += 1) await page.keyboard.press("ArrowRight");
   await page.mouse.click(box.x + box.width * 0.62, box.y + box.height * 0.3);
   await page.waitForFunction(() => document.body.dataset.lens, null, { timeout: 120000 });
-  await page.waitForTimeout(300);
+  await still(page);
   await screenshot(page, "dark");
   await page.locator("#swipe").click();
   await page.waitForFunction(() => document.getElementById("swipe-line").hidden);
@@ -273,7 +284,7 @@ async function rawPage(browser, url) {
   await page.locator("#py").fill("31");
   await page.locator("#go button").click();
   await page.waitForFunction(() => document.body.dataset.pixel === "40,31");
-  await page.waitForTimeout(300);
+  await still(page);
   const reading = await (await fetch(`${url}api/pixel?x=40&y=31&frame=1&white=D65`)).json();
   const { dn, electrons, signal_e } = reading.raw.frames[1];
   const panel = await text(page, "place");
@@ -295,10 +306,9 @@ async function rawPage(browser, url) {
   await requested;
   await ready(page);
   for (let i = 0; i < 8; i += 1) await page.keyboard.press("+");
-  await page.waitForTimeout(900);
-  await ready(page);
+  await still(page);
   await page.keyboard.press("Enter");
-  await page.waitForTimeout(300);
+  await still(page);
   await screenshot(page, "raw-mosaic");
   await page.keyboard.press(",");
   await ready(page);
