@@ -18,7 +18,7 @@ use serde_json::{Map, Value, json};
 use std::path::Path;
 
 /// Version of the kernels that are made from coarse samples ([`pipeline::psf::coarse`]).
-pub const KERNELS_VERSION: (&str, u32) = ("kernels_version", 1);
+pub const KERNELS_VERSION: (&str, u32) = ("kernels_version", 2);
 
 /// What is in an identity only where a film has it.
 #[derive(Clone, Copy, Debug)]

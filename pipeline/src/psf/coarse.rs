@@ -4,12 +4,11 @@
 //! pixel (Nyquist). A kernel integrates over pixels of pitch p, which passes at most 0.22 of what lies above 1/p. Its samples are
 //! therefore low-passed, along x and along y:
 //! ```text
-//! c_i = Σ_j h((x_i − x_j)/q) v_j,     q = p/3.5 or p/3,     h(u) = sinc(u)·K(u/8),     Σ_i h = 1
+//! c_i = Σ_j h((x_i − x_j)/q) v_j,     q = p/4 or p/3,     h(u) = sinc(u)·K(u/8),     Σ_i h = 1
 //! ```
 //! v_j are shares of the light per sample, c_i those per coarse sample, K is a Kaiser window of shape 8. Lost are frequencies above 1/(2q). Of samples up to
 //! four a pixel p/3 loses little, as the cutoff of the lens is then at most 1.8/p; they are reduced only where all PSFs together are large.
-//! L1 difference of kernels, 36 PSFs of the built-in fast lenses: 0.01 to 0.4 % at 400 nm, up to 1.3 % (`mirrorless-50`, axis, 550 nm) where they are nearly in focus
-//! (`scripts/bench/2026-11-29-nodes`).
+//! L1 difference of kernels, worst of five PSFs of each of the built-in fast lenses: 0.03 to 0.6 % at 400 nm, up to 0.5 % at 550 nm (`scripts/bench/2026-11-29-nodes`).
 
 use crate::lens::{PsfSample, PsfStack};
 use crate::parts::for_each_part;
@@ -20,7 +19,7 @@ use std::convert::Infallible;
 use std::ops::Range;
 
 /// Coarse samples a film pixel, along one direction, of finely sampled PSFs and of others.
-const PER_PIXEL: (f64, f64) = (3.5, 3.0);
+const PER_PIXEL: (f64, f64) = (4.0, 3.0);
 /// Samples a film pixel above which PSFs are finely sampled, and above which others are reduced.
 const FINE: (f64, f64) = (4.5, 3.5);
 /// Samples of all PSFs of a band above which others are reduced.
@@ -198,7 +197,7 @@ mod tests {
             let samples = KernelSamples::of((count, n, pitch_um), 2.0, sample);
             (samples.size, 2.0 / samples.pitch_um)
         };
-        assert_eq!(of(1, 1025, 1.0 / 3.0, PsfSample::Point), (597, 3.5), "171 pixels");
+        assert_eq!(of(1, 1025, 1.0 / 3.0, PsfSample::Point), (683, 4.0), "171 pixels");
         assert_eq!(of(33, 755, 0.5, PsfSample::Point), (755, 4.0), "four a pixel");
         assert_eq!(of(58, 755, 0.5, PsfSample::Point), (567, 3.0), "many of them");
         assert_eq!(of(99, 401, 1.0 / 3.0, PsfSample::Point), (401, 6.0), "67 pixels");

@@ -7,8 +7,8 @@ use super::options::{BASE_NODES, MAX_NODES, TraceOptions};
 #[cfg(doc)]
 use crate::design::psf::PsfGrid;
 
-/// Maximum samples of the PSFs of a band with the default of [`MAX_NODES`] nodes, as films make kernels from them ([`crate::psf::coarse`]): 134 MB in f32.
-const MAX_SAMPLES: f64 = (1_u64 << 25) as f64;
+/// Maximum samples of the PSFs of a band with the default of [`MAX_NODES`] nodes, as films make kernels from them ([`crate::psf::coarse`]): 176 MB in f32.
+const MAX_SAMPLES: f64 = (21_u64 << 21) as f64;
 /// Maximum samples of the PSFs of a band as they are traced: that of an array of a lens pack.
 const MAX_TRACED: usize = 1 << 28;
 /// Maximum work for the choice of nodes with [`BASE_NODES`], in samples ([`PsfGrid::work`]): 2 to 3 s on two cores.
