@@ -340,7 +340,7 @@ pub struct TraceArgs {
     /// Ghosts, of which the pack then has the operators (its attribute `extras` lists `ghost`).
     #[command(flatten)]
     pub ghosts: GhostArgs,
-    /// Maximum error of a kernel between nodes, L1 at film pixels; a band that misses one that is given is an error [default: 0.01, and 0.02 where that takes
+    /// Maximum error of a kernel between nodes: L1 at film pixels, and five times the error of an edge in a film; a band that misses one that is given is an error [default: 0.01, and 0.02 where that takes
     /// more than a quarter of --max-nodes]
     #[arg(long, value_parser = positive)]
     pub psf_tolerance: Option<f64>,

@@ -3,6 +3,7 @@
 mod band_mean;
 mod dense;
 pub mod depth;
+pub(in crate::design) mod difference;
 mod estimate;
 pub(in crate::design) mod grid;
 pub(in crate::design) mod kernels;

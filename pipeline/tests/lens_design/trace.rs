@@ -10,7 +10,7 @@ use lenscube_pipeline::design::psf::{PsfGrid, PsfScratch, PupilFunction};
 use lenscube_pipeline::design::ray::Tracer;
 use lenscube_pipeline::design::system::{Aperture, Medium, Surface};
 use lenscube_pipeline::design::trace::{
-    Azimuths, BandRange, LensTrace, PsfHeights, SharedNodes, TraceOptions, TracedBand, lens_header,
+    Azimuths, BandRange, ESF_SHARE, LensTrace, PsfHeights, SharedNodes, TraceOptions, TracedBand, lens_header,
 };
 use lenscube_pipeline::design::{DesignError, System, trace_lens};
 
@@ -38,8 +38,27 @@ fn band(options: &TraceOptions) -> TracedBand {
     band
 }
 
-/// L1 errors, ascending, of the kernel interpolated from four nodes at random places, compared with the one traced there.
-fn errors(band: &TracedBand, places: usize) -> Vec<f64> {
+/// The largest share of light that a difference of kernels of `n` × `n` pixels has on one side of a line, of 16 directions.
+fn edge(difference: &[f64], n: usize) -> f64 {
+    let of = |i: usize| {
+        let (sin, cos) = (PI * i as f64 / 16.0).sin_cos();
+        let mut lines = vec![0.0; 2 * n];
+        for (k, d) in difference.iter().enumerate() {
+            let centred = |index: usize| index as f64 - (n / 2) as f64;
+            let at = centred(k % n) * cos + centred(k / n) * sin;
+            lines[(at.round() + n as f64) as usize] += d;
+        }
+        let running = lines.iter().scan(0.0, |sum, d| {
+            *sum += d;
+            Some(f64::abs(*sum))
+        });
+        running.fold(0.0, f64::max)
+    };
+    (0..16).map(of).fold(0.0, f64::max)
+}
+
+/// L1 errors, ascending, of the kernel interpolated from four nodes at random places, compared with the one traced there, and the largest error of an edge.
+fn errors(band: &TracedBand, places: usize) -> (Vec<f64>, f64) {
     let system = System::double_gauss_28();
     let tables = &band.tables;
     let tracer = Tracer::new(&system, tables.wavelength_nm / 1e3).unwrap();
@@ -58,6 +77,7 @@ fn errors(band: &TracedBand, places: usize) -> Vec<f64> {
         (seed >> 11) as f64 / (1_u64 << 53) as f64
     };
     let heights = &tables.psf_height_mm;
+    let mut edges = 0.0;
     let mut out: Vec<f64> = (0..places)
         .map(|_| {
             let (r, theta) = (random() * heights[heights.len() - 1], random() * 2.0 * PI);
@@ -76,11 +96,12 @@ fn errors(band: &TracedBand, places: usize) -> Vec<f64> {
                     }
                 }
             }
+            edges = edge(&error, band.report.window_px).max(edges);
             error.iter().map(|e| e.abs()).sum()
         })
         .collect();
     out.sort_by(f64::total_cmp);
-    out
+    (out, edges)
 }
 
 #[test]
@@ -93,10 +114,12 @@ fn traced_band_is_within_its_tolerance_between_nodes() {
     assert!(!error.limited && error.median <= error.worst && error.at_mm <= 12.0);
     assert!(bound <= 0.03, "{bound}");
     assert!(band.report.min_energy >= 0.99);
-    let found = errors(&band, 12);
-    println!("bound {bound:.4}, found {found:.4?}");
+    let (found, edges) = errors(&band, 12);
+    println!("bound {bound:.4}, found {found:.4?}, edges {:.4}, found {edges:.4}", error.edge);
     // The orientation of the pixel grid changes the L1 norm a little.
     assert!(found[found.len() - 1] <= 1.2 * bound);
+    assert!(error.edge <= ESF_SHARE * options.psf_tolerance && edges <= 1.2 * error.edge);
+    assert!(edges > 0.0, "of kernels that differ");
     for k in 0..band.psf.heights() {
         let sum: f64 = band.psf.window(k).iter().map(|v| f64::from(*v)).sum();
         assert!((sum - 1.0).abs() < 1e-5);
@@ -130,7 +153,7 @@ fn neighbouring_bands_share_nodes_that_do_not_depend_on_other_bands() {
     assert_ne!(after.tables.psf_height_mm, others[1].tables.psf_height_mm);
     assert!(after.report.psfs < alone.report.psfs && after.report.psfs < others[0].report.psfs);
     let bound = after.report.psf_error.unwrap().worst;
-    let found = errors(&after, 12);
+    let (found, _) = errors(&after, 12);
     println!("bound {bound:.4}, found {found:.4?}");
     assert!(bound <= 0.03 && found[found.len() - 1] <= 1.2 * bound);
 }
@@ -144,13 +167,13 @@ fn kernels_between_nodes_are_within_1_5_percent() {
         let options = TraceOptions::new(vec![nm], 20.5);
         let trace = LensTrace::new(&system, &options).unwrap();
         let band = trace.band_sharing(0, &mut shared, &mut |_| ()).unwrap();
-        let found = errors(&band, 60);
+        let (found, edges) = errors(&band, 60);
         let (median, worst) = (found[30], found[59]);
         println!(
-            "{nm} nm: bound {:.4}, found median {median:.4}, worst {worst:.4}",
+            "{nm} nm: bound {:.4}, found median {median:.4}, worst {worst:.4}, edges {edges:.4}",
             band.report.psf_error.unwrap().worst
         );
-        assert!(worst <= 0.015 && median <= 0.005);
+        assert!(worst <= 0.015 && median <= 0.005 && edges <= 0.002);
     }
 }
 

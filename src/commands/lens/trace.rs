@@ -28,7 +28,9 @@ use pipeline::design::image_circle::EDGE;
 use pipeline::design::image_cone::image_cones;
 use pipeline::design::ray::Tracer;
 use pipeline::design::skew::system::BuiltLens;
-use pipeline::design::trace::{BandReport, LensTrace, Progress, PsfHeights, TraceOptions, TracedBand};
+use pipeline::design::trace::{
+    BandReport, ESF_SHARE, LensTrace, NodeError, Progress, PsfHeights, TraceOptions, TracedBand,
+};
 use pipeline::lens::cone_field::ConeField;
 use pipeline::lens::planar::PsfPlaces;
 use pipeline::psf::blocks::Blocks;
@@ -104,14 +106,14 @@ pub fn command(args: &TraceArgs) -> Result<()> {
         trace.with_psfs_up_to(kept).all(&mut progress, |index, band| {
             bar.suspend(|| log_line(band_line(&band)));
             reports.push(band.report);
-            match missed_tolerance(args, &reports) {
+            match missed_tolerance(args.psf_tolerance, &reports) {
                 None => write(index, band, stored),
                 Some(_) => Err(Stopped),
             }
         })
     });
     bar.finish();
-    if let Some(missed) = missed_tolerance(args, &reports) {
+    if let Some(missed) = missed_tolerance(args.psf_tolerance, &reports) {
         return Err(missed);
     }
     let context = || format!("tracing {}", args.design);
@@ -142,17 +144,28 @@ pub fn command(args: &TraceArgs) -> Result<()> {
 }
 
 /// The error of the first band that misses the `--psf-tolerance` that was given.
-fn missed_tolerance(args: &TraceArgs, reports: &[BandReport]) -> Option<anyhow::Error> {
-    let tolerance = args.psf_tolerance?;
+fn missed_tolerance(tolerance: Option<f64>, reports: &[BandReport]) -> Option<anyhow::Error> {
+    let tolerance = tolerance?;
     let errors = reports.iter().filter_map(|report| Some((report.wavelength_nm, report.psf_error?)));
-    let (nm, missed) = errors.into_iter().find(|(_, error)| error.worst > tolerance)?;
+    let of_edges = ESF_SHARE * tolerance;
+    let misses = |error: &NodeError| error.worst > tolerance || error.edge > of_edges;
+    let (nm, missed) = errors.into_iter().find(|(_, error)| misses(error))?;
+    let found = match missed.worst > tolerance {
+        true => format!(
+            "kernels between the nodes have errors up to {:.3} % (at {:.2} mm), expected at most {} % (--psf-tolerance)",
+            100.0 * missed.worst,
+            missed.at_mm,
+            number(100.0 * tolerance)
+        ),
+        false => format!(
+            "edges between the nodes have errors up to {:.3} % of white, expected at most {} % (a fifth of --psf-tolerance)",
+            100.0 * missed.edge,
+            number(100.0 * of_edges)
+        ),
+    };
     Some(anyhow!(
-        "{} nm: kernels between the nodes have errors up to {:.3} % (at {:.2} mm), expected at most {} % (--psf-tolerance): give more --max-nodes, a \
-         larger --psf-tolerance, or none for the error that can be reached",
-        number(nm),
-        100.0 * missed.worst,
-        missed.at_mm,
-        number(100.0 * tolerance)
+        "{} nm: {found}: give more --max-nodes, a larger --psf-tolerance, or none for the error that can be reached",
+        number(nm)
     ))
 }
 
@@ -179,9 +192,9 @@ fn pupils_note(psf_mb: f64) -> String {
 fn band_line(TracedBand { tables, report, .. }: &TracedBand) -> String {
     let nodes: usize = tables.azimuth_count.iter().sum();
     let error = report.psf_error.map_or("given".into(), |e| {
-        let median =
-            format!("{:.2} % at {:.2} mm, median {:.2} %", 100.0 * e.worst, e.at_mm, 100.0 * e.median);
-        if e.limited { format!("{median} (limited by --max-nodes)") } else { median }
+        let [worst, median, edge] = [e.worst, e.median, e.edge].map(|share| 100.0 * share);
+        let limited = if e.limited { " (limited by --max-nodes)" } else { "" };
+        format!("{worst:.2} % at {:.2} mm, median {median:.2} %, edges {edge:.2} %{limited}", e.at_mm)
     });
     let places = match tables.planar.as_ref().map(|planar| &planar.psfs) {
         Some(PsfPlaces::Cartesian { x_mm, y_mm }) => format!("{} x {} nodes", x_mm.len(), y_mm.len()),
@@ -209,9 +222,12 @@ fn system(args: &TraceArgs) -> Result<(System, Option<DepthOptions>)> {
 
 /// Summary over all bands: kernel error, light inside the windows, time, size, use.
 fn summary(out: &Path, options: &TraceOptions, reports: &[BandReport], seconds: f64) -> [String; 2] {
-    let bound = reports.iter().filter_map(|r| Some(r.psf_error?.worst)).reduce(f64::max).map_or_else(
+    let largest = |number: fn(&NodeError) -> f64| {
+        reports.iter().filter_map(|r| Some(number(r.psf_error.as_ref()?))).reduce(f64::max)
+    };
+    let bound = largest(|e| e.worst).zip(largest(|e| e.edge)).map_or_else(
         || "given heights, kernel error not measured".to_owned(),
-        |worst| {
+        |(worst, edge)| {
             let further = match options.excess > 1.0 {
                 true => format!(
                     ", {} % where that takes more than {} nodes",
@@ -220,8 +236,12 @@ fn summary(out: &Path, options: &TraceOptions, reports: &[BandReport], seconds: 
                 ),
                 false => String::new(),
             };
-            let requested = number(100.0 * options.psf_tolerance);
-            format!("kernel error at most {:.2} % (requested {requested} %{further})", 100.0 * worst)
+            let [l1, of_edges] =
+                [1.0, ESF_SHARE].map(|share| number(100.0 * share * options.psf_tolerance));
+            let [worst, edge] = [worst, edge].map(|share| 100.0 * share);
+            format!(
+                "kernel error at most {worst:.2} % (requested {l1} %{further}), of edges {edge:.2} % of white (requested {of_edges} %)"
+            )
         },
     );
     let least = reports.iter().map(|r| r.min_energy).fold(1.0, f64::min);
@@ -351,5 +371,33 @@ mod tests {
     #[test]
     fn packs_of_more_than_a_gigabyte_of_psfs_have_pupil_functions() {
         assert_eq!([999.0, 1001.0].map(default_store), [Store::Psfs, Store::Pupils]);
+    }
+
+    #[test]
+    fn a_given_tolerance_is_missed_by_kernels_or_by_edges() {
+        let error = |worst, edge| NodeError { worst, at_mm: 3.0, median: 0.5 * worst, edge, limited: true };
+        let report = |nm, psf_error| BandReport {
+            wavelength_nm: nm,
+            psf_error,
+            window_px: 41,
+            min_energy: 0.99,
+            psfs: 1,
+            no_tail: None,
+        };
+        let missed = |tolerance, worst, edge| {
+            let reports = [report(450.0, None), report(550.0, Some(error(worst, edge)))];
+            missed_tolerance(tolerance, &reports).map(|error| error.to_string())
+        };
+        assert_eq!(missed(None, 0.5, 0.5), None);
+        assert_eq!(missed(Some(0.01), 0.01, 0.002), None);
+        let kernels = missed(Some(0.01), 0.0123, 0.003).unwrap();
+        assert!(
+            kernels.starts_with("550 nm: kernels between the nodes have errors up to 1.230 %"),
+            "{kernels}"
+        );
+        let edges = missed(Some(0.01), 0.009, 0.0021).unwrap();
+        let expected =
+            "550 nm: edges between the nodes have errors up to 0.210 % of white, expected at most 0.2 %";
+        assert!(edges.starts_with(expected) && edges.contains("--psf-tolerance"), "{edges}");
     }
 }

@@ -2,7 +2,7 @@
 
 use crate::args::{CoatingsArg, DesignArgs};
 use formats::lens::PackAttributes;
-use pipeline::design::trace::{BandReport, TraceOptions};
+use pipeline::design::trace::{BandReport, ESF_SHARE, TraceOptions};
 use serde_json::{Value, json};
 
 /// Attributes of a traced pack.
@@ -20,6 +20,7 @@ pub fn attributes(
                 "kernel_l1": r.psf_error.map(|e| e.worst),
                 "kernel_l1_median": r.psf_error.map(|e| e.median),
                 "kernel_l1_at_mm": r.psf_error.map(|e| e.at_mm),
+                "kernel_edge": r.psf_error.map(|e| e.edge),
                 "least_energy": r.min_energy,
             })
         })
@@ -28,7 +29,9 @@ pub fn attributes(
         image_plane: Some(format!("{:?}", place.image_plane).to_lowercase()),
         defocus_mm: Some(place.defocus_mm),
         frame: Some("field point on +x, row down; heights real unless named ideal; mm".into()),
-        psf_tolerance: Some(json!({ "requested_l1": options.psf_tolerance, "bands": bands })),
+        psf_tolerance: Some(
+            json!({ "requested_l1": options.psf_tolerance, "requested_edge": ESF_SHARE * options.psf_tolerance, "bands": bands }),
+        ),
         source: Some(with_coatings(
             json!({
                 "program": concat!("lenscube ", env!("CARGO_PKG_VERSION")),

@@ -26,7 +26,7 @@ use anyhow::{Context, Result};
 use formats::lens::{LensPack, band_digest};
 use pipeline::design::ray::Tracer;
 use pipeline::design::trace::{
-    BandReport, LensTrace, MAX_NODES, Progress, SharedNodes, TraceOptions, with_threads,
+    BandReport, ESF_SHARE, LensTrace, MAX_NODES, Progress, SharedNodes, TraceOptions, with_threads,
 };
 use pipeline::design::{DesignError, System};
 use pipeline::field::Outside;
@@ -129,14 +129,19 @@ pub(super) fn trace(job: &TracingJob<'_>, wavelengths_nm: &[f64], threads: usize
     };
     let (mut lens, mut packs, mut recipes) = (None::<Lens>, Vec::new(), Vec::new());
     let mut darkest = None::<(MissedEnergy, f64)>;
-    let mut coarsest = (0.0, 0.0);
+    // The largest errors between PSF nodes, of kernels and of edges, and their wavelengths.
+    let mut coarsest = [(0.0, 0.0); 2];
     let bands = nm.len();
     for (done, &nm) in nm.iter().enumerate() {
         let before = tracer.traced;
         let (recipe, pack) = tracer.covering_film(nm)?;
         // With another reach at the second attempt it is still one band.
         tracer.traced = tracer.traced.min(before + 1);
-        coarsest = if kernel_error(&pack) > coarsest.0 { (kernel_error(&pack), nm) } else { coarsest };
+        for (largest, error) in coarsest.iter_mut().zip(node_errors(&pack)) {
+            if error > largest.0 {
+                *largest = (error, nm);
+            }
+        }
         if let Some(missed) = missed_energy(&trace_options(nm, 1.0, job), &pack)
             && darkest.is_none_or(|(worst, _)| missed.least < worst.least)
         {
@@ -169,16 +174,17 @@ pub(super) fn trace(job: &TracingJob<'_>, wavelengths_nm: &[f64], threads: usize
     }
     details.extend(job.bands.map(|bands| bands.described(&nm)).transpose()?);
     let TraceOptions { psf_tolerance, excess, .. } = TraceOptions::new(Vec::new(), 0.0);
-    let tolerance = psf_tolerance * excess;
     let percent = |share: f64| format!("{:.2} %", 100.0 * share);
-    if coarsest.0 > tolerance && percent(coarsest.0) != percent(tolerance) {
-        notes.push(format!(
-            "kernels between PSF nodes have errors up to {} (at {} nm) instead of {}, limited by the samples, traced PSFs and nodes (at most {MAX_NODES}) of a band; \
-             `lenscube lens trace --max-nodes` makes a finer lens pack",
-            percent(coarsest.0),
-            coarsest.1,
-            percent(tolerance)
-        ));
+    let allowed = [("kernels", excess * psf_tolerance), ("edges", ESF_SHARE * psf_tolerance)];
+    for ((what, tolerance), (error, nm)) in allowed.into_iter().zip(coarsest) {
+        if error > tolerance && percent(error) != percent(tolerance) {
+            notes.push(format!(
+                "{what} between PSF nodes have errors up to {} (at {nm} nm) instead of {}, limited by the samples, traced PSFs and nodes (at most {MAX_NODES}) of a band; \
+                 `lenscube lens trace --max-nodes` makes a finer lens pack",
+                percent(error),
+                percent(tolerance)
+            ));
+        }
     }
     if let Some((missed, nm)) = darkest {
         let windows = format!(
@@ -213,10 +219,11 @@ pub(super) fn trace(job: &TracingJob<'_>, wavelengths_nm: &[f64], threads: usize
     })
 }
 
-/// Maximum L1 error of kernels between the nodes of a traced band; 0 if it was not determined.
-fn kernel_error(pack: &LensPack) -> f64 {
+/// Maximum errors between the nodes of a traced band, L1 of kernels and of edges; 0 if they were not determined.
+fn node_errors(pack: &LensPack) -> [f64; 2] {
     let achieved = pack.attributes().psf_tolerance.as_ref();
-    achieved.and_then(|t| t["bands"][0]["kernel_l1"].as_f64()).unwrap_or(0.0)
+    ["kernel_l1", "kernel_edge"]
+        .map(|name| achieved.and_then(|t| t["bands"][0][name].as_f64()).unwrap_or(0.0))
 }
 
 /// The window of a traced band or of its depth nodes with the least light, if that is less than `options` request.

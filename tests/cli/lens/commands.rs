@@ -87,7 +87,10 @@ fn invalid_designs_and_trace_flags_fail_with_one_line() {
         "double-gauss-28",
         &missed,
         FAILED,
-        &["550 nm: kernels between the nodes have errors up to", "0.001 % (--psf-tolerance)", "--max-nodes"],
+        &[
+            "550 nm: kernels between the nodes have errors up to",
+            "0.001 % (--psf-tolerance): give more --max-nodes",
+        ],
     );
     let far_out = ["--defocus-mm", "8", "--wavelengths", "550"];
     bad("double-gauss-28", &far_out, FAILED, &["401 film pixels", "--energy", "--image-plane rms"]);

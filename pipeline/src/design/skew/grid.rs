@@ -24,7 +24,7 @@ use crate::real;
 use kernels::PlaceKernels;
 
 /// Incremented when the results for the same design and options change.
-pub const GRID_VERSION: u32 = 1;
+pub const GRID_VERSION: u32 = 2;
 
 /// Places along a side at which the window is determined.
 const WINDOW_SIDE: usize = 5;

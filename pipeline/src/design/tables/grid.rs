@@ -1,14 +1,16 @@
 //! Choice of the heights and azimuth counts of PSF nodes by the error of the kernels interpolated between them.
 //!
 //! The film's kernel is linear in r between heights r_k and linear in θ between the J_k azimuths of each. Between two heights
-//! the error is e_r ≈ C_r (Δr/2)², between two azimuths e_θ ≈ C_θ (π/J)² (L1 norms over the film's pixels, kernels of sum 1).
+//! the error is e_r ≈ C_r (Δr/2)², between two azimuths e_θ ≈ C_θ (π/J)², both for the L1 norm over the film's pixels and for edges ([`super::difference`]), each
+//! of which has its tolerance; kernels have the sum 1.
 //! The number of nodes, Σ J_k, is minimal when both have an equal part of the tolerance. So: measure C_r and C_θ at probing
 //! heights, place nodes accordingly, then compare the kernel at the centre of every cell (half-way in r, and half-way in θ on both
 //! heights: the worst place) with the one traced there; split or refine the cells above the tolerance. The maximum error at
 //! cell centres is recorded as the bound. Of many cells a part is measured: errors change slowly with height, and are linear between the measured cells.
-//! Budget: if the tolerance needs more than a quarter of `max_nodes` nodes, or more samples or PSFs than go with them ([`super::refine`]), spacings grow by a common factor until they fit, which keeps the error equal over the field and so its maximum
-//! minimal; the factor is at most [`TraceOptions::excess`], unless that needs more than `max_nodes`. Then the cells of the largest errors are refined as far as the budget allows. Where samples or PSFs limit the heights, azimuths, which need neither, keep up to a quarter of
-//! the error ([`super::relaxation`]).
+//! Budget: if the tolerances need more than a quarter of `max_nodes` nodes, or more samples or PSFs than go with them ([`super::refine`]), spacings grow by a common
+//! factor until they fit, which keeps the error equal over the field and so its maximum minimal. The factor is at most [`TraceOptions::excess`], unless that needs
+//! more than `max_nodes`; edges keep their tolerance up to it, where `max_nodes` allows more. Then the cells of the largest errors are refined as far as the budget
+//! allows. Where samples or PSFs limit the heights, azimuths, which need neither, keep up to a quarter of the error ([`super::relaxation`]).
 //! Kernels are compared in the core of the window, or mostly in its inner part ([`super::kernels`]).
 //! Neighbouring wavelengths need nearly the same nodes: [`adopt`] takes those of another one if a few cells, measured at both, agree.
 //! Rotated PSFs are exact here (the pupil is rotated, not the image); the film's kernels have an additional rotation error.
@@ -17,13 +19,14 @@ use std::f64::consts::PI;
 
 use rayon::prelude::*;
 
-use super::kernels::{Compared, Kernels, l1, mean};
+use super::difference::{Difference, ESF_SHARE};
+use super::kernels::{Compared, Kernels, mean};
 use super::options::{Azimuths, PsfHeights, TraceOptions};
 use super::probing::{COMPARED, LEAST_ERROR, azimuths_needed, between, evenly, spacing_allowed};
 use super::refine::{
     Budget, CellError, MIN_PSFS, NodeError, Refinement, max_heights, max_psfs, round_azimuths, summary,
 };
-use super::relaxation::Relaxation;
+use super::relaxation::{Relaxation, relaxed_esf};
 use crate::design::prescription::error::DesignError;
 use crate::design::pupil::pupils::Pupils;
 
@@ -51,18 +54,18 @@ pub(crate) struct Chosen {
     pub(crate) heights: Vec<f64>,
     pub(crate) azimuths: Vec<usize>,
     pub(crate) error: Option<NodeError>,
-    cells: Vec<f64>,
+    cells: Vec<Difference>,
     /// Those in the inner part of the core, if kernels were compared there.
-    inner_cells: Option<Vec<f64>>,
+    inner_cells: Option<Vec<Difference>>,
     /// Heights that the samples of PSFs allow, if they are chosen.
     allowed_heights: Option<usize>,
 }
 
 impl Chosen {
-    /// Whether `allowed_heights` of another band are so many more that its own nodes may have smaller errors, which here are above `most`.
-    pub(super) fn is_limited_beside(&self, allowed_heights: usize, most: f64) -> bool {
+    /// Whether `allowed_heights` of another band are so many more that its own nodes may have smaller errors, which here are above those of `options`.
+    pub(super) fn is_limited_beside(&self, allowed_heights: usize, options: &TraceOptions) -> bool {
         let is_more = |here: usize| allowed_heights as f64 > MORE_HEIGHTS * here as f64;
-        self.allowed_heights.is_some_and(is_more) && self.error.is_some_and(|e| e.worst > most)
+        self.allowed_heights.is_some_and(is_more) && self.error.is_some_and(|e| e.is_above(options))
     }
 }
 
@@ -95,7 +98,7 @@ pub(super) fn choose(
     let probes: Vec<f64> = (1..=probe_count).map(|i| last_mm * i as f64 / probe_count as f64).collect();
     report("probing", 0);
     let azimuth_need = match options.azimuths {
-        Azimuths::Given(j) => vec![j as f64; probe_count],
+        Azimuths::Given(j) => [vec![j as f64; probe_count], vec![0.0; probe_count]],
         Azimuths::ByError => azimuths_needed((kernels, some.as_mut()), pupils, &probes, part, report)?,
     };
     let spacing = match &given {
@@ -108,16 +111,23 @@ pub(super) fn choose(
     let most_heights = max_heights(options, sides).min(left / 4).max(3);
     let budget = Budget { nodes: options.max_nodes, heights: most_heights };
     let base = Budget { nodes: options.base_nodes(), heights: most_heights };
+    // Where further nodes are allowed, edges keep their tolerance up to the excess that is allowed for the L1.
+    let has_further = base.nodes < budget.nodes;
+    let kept_up_to = if has_further { options.excess } else { 1.0 };
+    let of_esf = |factor: f64| relaxed_esf(factor, kept_up_to);
     let heights_at = |radial: f64| match (&given, &spacing) {
-        (None, Some(spacing)) => {
-            let spacing: Vec<f64> = spacing.iter().map(|s| s * radial.sqrt()).collect();
-            place(&probes, &spacing, last_mm)
+        (None, Some([l1, esf])) => {
+            let factors = [radial, of_esf(radial)].map(f64::sqrt);
+            let spacing = l1.iter().zip(esf).map(|(l1, esf)| (factors[0] * l1).min(factors[1] * esf));
+            place(&probes, &spacing.collect::<Vec<f64>>(), last_mm)
         }
         _ => given.clone().unwrap_or_default(),
     };
     let count_at = |angular: f64| {
-        let scale = if free_azimuths { angular.sqrt() } else { 1.0 };
-        let need: Vec<f64> = azimuth_need.iter().map(|j| j / scale).collect();
+        let factors = if free_azimuths { [angular, of_esf(angular)].map(f64::sqrt) } else { [1.0; 2] };
+        let [l1, esf] = &azimuth_need;
+        let need: Vec<f64> =
+            l1.iter().zip(esf).map(|(l1, esf)| (l1 / factors[0]).max(esf / factors[1])).collect();
         let probes = &probes;
         move |h: f64| round_azimuths(between(probes, &need, h))
     };
@@ -129,7 +139,6 @@ pub(super) fn choose(
         })
     };
     let of_base = least(1.0, &base);
-    let has_further = base.nodes < budget.nodes;
     let (relaxed, budget) = match of_base.mean() <= options.excess || !has_further {
         true => (of_base, base),
         false => (least(options.excess, &budget), budget),
@@ -138,13 +147,14 @@ pub(super) fn choose(
     let mut azimuths: Vec<usize> = heights.iter().map(|h| count(*h)).collect();
     let mut limited = relaxed.radial > options.excess;
     let goal = tolerance * relaxed.mean();
+    let l1_over_esf = relaxed.mean() / (0.5 * (of_esf(relaxed.radial) + of_esf(relaxed.angular)));
     kernels.clear();
     if let Some(kernels) = some {
         kernels.clear();
     }
     pupils.keep(&[]);
-    let mut errors = Vec::new();
-    let mut ratio: Option<(Vec<f64>, Vec<f64>)> = None;
+    let mut errors: Vec<CellError> = Vec::new();
+    let mut ratio: Option<Ratio> = None;
     for round in 0..MAX_ROUNDS {
         let measured = cells_to_measure(kernels, (&heights, &azimuths));
         let nodes = (&heights[..], &azimuths[..]);
@@ -152,13 +162,13 @@ pub(super) fn choose(
         if let (Some(kernels), None) = (some.as_mut(), &ratio) {
             ratio = Some(ratio_to(kernels, pupils, nodes, (&measured, &found), report)?);
         }
-        if let Some((at, ratio)) = &ratio {
+        if let Some(ratio) = &ratio {
             for (error, k) in found.iter_mut().zip(&measured) {
-                error.scale(between(at, ratio, middle(&heights, *k)));
+                *error = error.with(ratio.at(middle(&heights, *k)), |inner, ratio| inner * ratio);
             }
         }
         errors = of_all_cells(&measured, &found, heights.len() - 1);
-        let worst = errors.iter().map(|e: &CellError| e.total).fold(0.0, f64::max);
+        let worst = errors.iter().map(|e| e.total.error(l1_over_esf)).fold(0.0, f64::max);
         if worst <= goal || round + 1 == MAX_ROUNDS {
             break;
         }
@@ -169,7 +179,7 @@ pub(super) fn choose(
         // The largest errors first, if the budget does not allow all.
         let mut threshold = goal;
         let refined = loop {
-            let refine = Refinement { threshold, free_heights, free_azimuths };
+            let refine = Refinement { threshold, l1_over_esf, free_heights, free_azimuths };
             let refined = refine.apply(&heights, &azimuths, &errors, &count);
             if refined.0 == heights && refined.1 == azimuths {
                 break None;
@@ -184,10 +194,12 @@ pub(super) fn choose(
         (heights, azimuths) = refined;
     }
     let mut error = summary(&errors, &heights, limited);
-    error.limited &= error.worst > options.excess * options.psf_tolerance;
-    let cells: Vec<f64> = errors.iter().map(|e| e.total).collect();
-    let inner_cells = ratio.map(|(at, ratio)| {
-        let inner = |(i, e): (usize, &f64)| e / between(&at, &ratio, middle(&heights, i + 1));
+    error.limited &= error.is_above(options);
+    let cells: Vec<Difference> = errors.iter().map(|e| e.total).collect();
+    let inner_cells = ratio.map(|ratio| {
+        let inner = |(i, e): (usize, &Difference)| {
+            e.with(ratio.at(middle(&heights, i + 1)), |core, ratio| core / ratio)
+        };
         cells.iter().enumerate().map(inner).collect()
     });
     Ok(with_axis(heights, azimuths, Some(error), (cells, inner_cells)))
@@ -210,23 +222,30 @@ pub(super) fn adopt(
         (None, _) => (most, &other.cells),
     };
     let count = known.len();
-    // That of the largest error, and others over the whole field.
-    let worst = (0..count).max_by(|a, b| other.cells[*a].total_cmp(&other.cells[*b])).unwrap_or(0);
+    // Those of the largest L1 and ESF, and others over the whole field.
+    let largest = |number: fn(Difference) -> f64| {
+        let of = |cell: &usize| number(other.cells[*cell]);
+        (0..count).max_by(|a, b| of(a).total_cmp(&of(b))).unwrap_or(0)
+    };
     let mut cells: Vec<usize> = (1..ADOPTED_CELLS).map(|i| i * (count - 1) / (ADOPTED_CELLS - 1)).collect();
-    cells.push(worst);
+    cells.extend([largest(|d| d.l1), largest(|d| d.esf)]);
     cells.sort_unstable();
     cells.dedup();
     let measured: Vec<usize> = cells.iter().map(|cell| cell + 1).collect();
     let errors = check(kernels, pupils, (&other.heights, &other.azimuths), &measured, report)?;
-    let ratios: Vec<f64> = errors.iter().zip(&cells).map(|(e, cell)| e.total / known[*cell]).collect();
+    let ratios: Vec<f64> = errors.iter().zip(&cells).map(|(e, cell)| e.total.l1 / known[*cell].l1).collect();
     let largest = ratios.iter().copied().fold(0.0, f64::max);
     let mean = ratios.iter().sum::<f64>() / ratios.len() as f64;
-    let error = NodeError { worst: largest * there.worst, median: mean * there.median, ..there };
-    let is_adopted = are_good_enough(tolerance, there.worst, error.worst);
+    let here: Vec<Difference> = errors.iter().map(|e| e.total).collect();
+    let known: Vec<Difference> = cells.iter().map(|cell| known[*cell]).collect();
+    let edge = there.edge * ratio_of_largest(&here, &known);
+    let error = NodeError { worst: largest * there.worst, median: mean * there.median, edge, ..there };
+    let is_adopted = are_good_enough(tolerance, there.worst, error.worst)
+        && are_good_enough(ESF_SHARE * tolerance, there.edge, edge);
     Ok(is_adopted.then(|| Chosen { error: Some(error), ..other.clone() }))
 }
 
-/// Whether nodes with the error `there` at the wavelength where they were chosen are taken where it is `here`: within the tolerance, or about as
+/// Whether nodes with the L1 error, or ESF, `there` at the wavelength where they were chosen are taken where it is `here`: within the tolerance, or about as
 /// large as there where the budget did not allow the tolerance.
 fn are_good_enough(tolerance: f64, there: f64, here: f64) -> bool {
     here <= tolerance || (there > tolerance && here <= ADOPTED_ERROR * there)
@@ -257,9 +276,11 @@ fn cells_to_measure(kernels: &Kernels<'_>, nodes: (&[f64], &[usize])) -> Vec<usi
 /// Errors of all `count` cells, from those `found` of the cells `measured`.
 fn of_all_cells(measured: &[usize], found: &[CellError], count: usize) -> Vec<CellError> {
     let x: Vec<f64> = measured.iter().map(|k| *k as f64).collect();
-    let of = |value: fn(&CellError) -> f64| {
-        let y: Vec<f64> = found.iter().map(value).collect();
-        (1..=count).map(|k| between(&x, &y, k as f64)).collect::<Vec<f64>>()
+    let of = |part: fn(&CellError) -> Difference| {
+        let [l1, esf]: [Vec<f64>; 2] = [|d: Difference| d.l1, |d: Difference| d.esf]
+            .map(|number| found.iter().map(|error| number(part(error))).collect());
+        let at = |k: usize, y: &[f64]| between(&x, y, k as f64);
+        (1..=count).map(|k| Difference { l1: at(k, &l1), esf: at(k, &esf) }).collect::<Vec<_>>()
     };
     let (total, radial, angular) = (of(|e| e.total), of(|e| e.radial), of(|e| e.angular));
     let cells = total.iter().zip(&radial).zip(&angular);
@@ -282,7 +303,7 @@ fn check(
     report("checking", kernels.fill(pupils, &requested)?);
     let kernels = &*kernels;
     let between = |k: usize| kernels.mean_with_mirror(kernels.at(heights[k], half_step(azimuths, k)));
-    let angular = |k: usize, mean: &[f32]| l1(mean, kernels.at(heights[k], 0.0));
+    let angular = |k: usize, mean: &[f32]| Difference::of(mean, kernels.at(heights[k], 0.0));
     Ok(cells
         .par_iter()
         .map(|&k| {
@@ -290,9 +311,9 @@ fn check(
             let (a, b) = (between(k - 1), between(k));
             let unrotated = mean(kernels.at(heights[k - 1], 0.0), kernels.at(heights[k], 0.0));
             CellError {
-                total: l1(&mean(&a, &b), truth),
-                radial: l1(&unrotated, truth),
-                angular: angular(k - 1, &a).max(angular(k, &b)),
+                total: Difference::of(&mean(&a, &b), truth),
+                radial: Difference::of(&unrotated, truth),
+                angular: angular(k - 1, &a).with(angular(k, &b), f64::max),
             }
         })
         .collect())
@@ -303,19 +324,43 @@ fn middle(heights: &[f64], k: usize) -> f64 {
     0.5 * (heights[k - 1] + heights[k])
 }
 
-/// Errors in the core, whose `kernels` are compared, over those `found` in its inner part, in [`COMPARED`] of the cells `measured`; by the middles of the cells, mm.
+/// Errors in the core over those in its inner part, at some heights, mm.
+struct Ratio {
+    heights_mm: Vec<f64>,
+    l1: Vec<f64>,
+    /// That of the largest ones: some ESFs are next to nothing.
+    esf: f64,
+}
+
+impl Ratio {
+    /// At `height_mm`, of the L1 between the two next heights.
+    fn at(&self, height_mm: f64) -> Difference {
+        Difference { l1: between(&self.heights_mm, &self.l1, height_mm), esf: self.esf }
+    }
+}
+
+/// Errors in the core, whose `kernels` are compared, over those `found` in its inner part, in [`COMPARED`] of the cells `measured`.
 fn ratio_to(
     kernels: &mut Kernels<'_>,
     pupils: &mut Pupils<'_>,
     nodes: (&[f64], &[usize]),
     (measured, found): (&[usize], &[CellError]),
     report: &mut dyn FnMut(&'static str, usize),
-) -> Result<(Vec<f64>, Vec<f64>), DesignError> {
+) -> Result<Ratio, DesignError> {
     let some = evenly(COMPARED, measured.len());
     let cells: Vec<usize> = some.iter().map(|i| measured[*i]).collect();
     let errors = check(kernels, pupils, nodes, &cells, report)?;
-    let ratio = errors.iter().zip(&some).map(|(e, i)| e.total / found[*i].total.max(LEAST_ERROR));
-    Ok((cells.iter().map(|k| middle(nodes.0, *k)).collect(), ratio.collect()))
+    let of_core: Vec<Difference> = errors.iter().map(|e| e.total).collect();
+    let inner: Vec<Difference> = some.iter().map(|i| found[*i].total).collect();
+    let l1 = of_core.iter().zip(&inner).map(|(core, inner)| core.l1 / inner.l1.max(LEAST_ERROR)).collect();
+    let heights_mm = cells.iter().map(|k| middle(nodes.0, *k)).collect();
+    Ok(Ratio { heights_mm, l1, esf: ratio_of_largest(&of_core, &inner) })
+}
+
+/// The largest ESF of `some` over that of `others`.
+fn ratio_of_largest(some: &[Difference], others: &[Difference]) -> f64 {
+    let largest = |all: &[Difference]| all.iter().map(|d| d.esf).fold(LEAST_ERROR, f64::max);
+    largest(some) / largest(others)
 }
 
 /// Heights from 0 to `last` whose spacing follows `spacing` at `probes`.
@@ -349,12 +394,19 @@ mod tests {
 
     #[test]
     fn errors_are_linear_between_the_measured_cells() {
-        let error = |total: f64| CellError { total, radial: 0.5 * total, angular: 0.0 };
+        let difference = |l1: f64| Difference { l1, esf: 0.1 * l1 };
+        let error = |total: f64| CellError {
+            total: difference(total),
+            radial: difference(0.5 * total),
+            angular: Difference::default(),
+        };
         let all = of_all_cells(&[2, 4, 5], &[error(0.1), error(0.3), error(0.2)], 6);
         let expected = [0.1, 0.1, 0.2, 0.3, 0.2, 0.2];
         assert_eq!(all.len(), expected.len());
         for (found, expected) in all.iter().zip(expected) {
-            assert!((found.total - expected).abs() < 1e-12 && (found.radial - 0.5 * expected).abs() < 1e-12);
+            let Difference { l1, esf } = found.total;
+            assert!((l1 - expected).abs() < 1e-12 && (esf - 0.1 * expected).abs() < 1e-12);
+            assert!((found.radial.l1 - 0.5 * expected).abs() < 1e-12);
         }
     }
 
@@ -367,17 +419,21 @@ mod tests {
 
     #[test]
     fn a_band_whose_samples_allow_more_heights_chooses_its_own_nodes_where_errors_are_large() {
+        let options = TraceOptions::new(vec![550.0], 10.0);
         let nodes = |worst: f64, allowed_heights| Chosen {
             heights: vec![0.0, 1.0],
             azimuths: vec![1, 8],
-            error: Some(NodeError { worst, at_mm: 0.5, median: worst, limited: true }),
-            cells: vec![worst],
+            error: Some(NodeError { worst, at_mm: 0.5, median: worst, edge: 0.0, limited: true }),
+            cells: vec![Difference { l1: worst, esf: 0.0 }],
             inner_cells: None,
             allowed_heights,
         };
-        assert!(nodes(0.03, Some(65)).is_limited_beside(88, 0.02));
-        assert!(!nodes(0.03, Some(65)).is_limited_beside(80, 0.02), "hardly more heights");
-        assert!(!nodes(0.015, Some(65)).is_limited_beside(88, 0.02), "small errors");
-        assert!(!nodes(0.03, None).is_limited_beside(88, 0.02), "heights are given");
+        assert!(nodes(0.03, Some(65)).is_limited_beside(88, &options));
+        assert!(!nodes(0.03, Some(65)).is_limited_beside(80, &options), "hardly more heights");
+        assert!(!nodes(0.015, Some(65)).is_limited_beside(88, &options), "small errors");
+        assert!(!nodes(0.03, None).is_limited_beside(88, &options), "heights are given");
+        let mut of_edges = nodes(0.015, Some(65));
+        of_edges.error.as_mut().unwrap().edge = 0.0021;
+        assert!(of_edges.is_limited_beside(88, &options), "errors of edges above a fifth of the tolerance");
     }
 }

@@ -153,11 +153,6 @@ impl<'a> Kernels<'a> {
     }
 }
 
-/// Sum of the absolute differences.
-pub(crate) fn l1(a: &[f32], b: &[f32]) -> f64 {
-    a.iter().zip(b).map(|(a, b)| f64::from((a - b).abs())).sum()
-}
-
 /// Mean of two kernels.
 pub(crate) fn mean(a: &[f32], b: &[f32]) -> Vec<f32> {
     a.iter().zip(b).map(|(a, b)| 0.5 * (a + b)).collect()

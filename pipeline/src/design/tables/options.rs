@@ -46,11 +46,11 @@ pub struct TraceOptions {
     pub window_px: Option<usize>,
     /// Sample pitch, µm, instead of one chosen by Nyquist.
     pub psf_pitch_um: Option<f64>,
-    /// Maximum L1 error of a kernel between nodes, integrated over the film pixel.
+    /// Maximum L1 error of a kernel between nodes, integrated over the film pixel; that of an edge in a film, of white, is a fifth of it.
     pub psf_tolerance: f64,
     /// Maximum number of nodes of a band (heights × azimuths), if they are chosen by error.
     pub max_nodes: usize,
-    /// Error in units of `psf_tolerance`, at least 1, from which on a band may have more than a quarter of `max_nodes`: films of many nodes take more
+    /// L1 error in units of `psf_tolerance`, at least 1, from which on a band may have more than a quarter of `max_nodes`: films of many nodes take more
     /// time.
     pub excess: f64,
     /// Heights of the PSFs.

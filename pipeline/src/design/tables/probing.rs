@@ -5,7 +5,8 @@
 
 use std::f64::consts::PI;
 
-use super::kernels::{Kernels, l1, mean};
+use super::difference::{Difference, ESF_SHARE};
+use super::kernels::{Kernels, mean};
 use super::refine::MAX_AZIMUTHS;
 use crate::design::prescription::error::DesignError;
 use crate::design::pupil::pupils::Pupils;
@@ -23,32 +24,35 @@ pub(super) const LEAST_ERROR: f64 = 1e-9;
 /// Kernels that are compared, and those of the core where the former are of its inner part.
 pub(super) type Pair<'k, 'a> = (&'k mut Kernels<'a>, Option<&'k mut Kernels<'a>>);
 
-/// Azimuths needed at the heights `probes` [mm] for an error of `part`, not rounded.
+/// What the L1 and the ESF of kernels ([`Difference`]) need, at each probing height.
+pub(super) type Needs = [Vec<f64>; 2];
+
+/// Azimuths needed at the heights `probes` [mm] for an L1 of `part` and an ESF of its share, not rounded.
 pub(super) fn azimuths_needed(
     (kernels, core): Pair<'_, '_>,
     pupils: &mut Pupils<'_>,
     probes: &[f64],
     part: f64,
     report: &mut dyn FnMut(&'static str, usize),
-) -> Result<Vec<f64>, DesignError> {
+) -> Result<Needs, DesignError> {
     let first = (vec![FIRST_AZIMUTHS; probes.len()], PASSES);
     let need = probe_azimuths(kernels, pupils, (probes, part), first, report)?;
-    corrected(probes, need, core, |kernels, some, need| {
+    corrected(probes, f64::max, need, core, |kernels, some, need| {
         probe_azimuths(kernels, pupils, (some, part), (need, 1), report)
     })
 }
 
-/// Spacing of heights [mm] allowed at the heights `probes` [mm] for an error of `part`.
+/// Spacing of heights [mm] allowed at the heights `probes` [mm] for an L1 of `part` and an ESF of its share.
 pub(super) fn spacing_allowed(
     (kernels, core): Pair<'_, '_>,
     pupils: &mut Pupils<'_>,
     probes: &[f64],
     part: f64,
     report: &mut dyn FnMut(&'static str, usize),
-) -> Result<Vec<f64>, DesignError> {
+) -> Result<Needs, DesignError> {
     let first = (vec![FIRST_SPACING_MM.min(0.5 * probes[0]); probes.len()], PASSES);
     let spacing = probe_heights(kernels, pupils, (probes, part), first, report)?;
-    corrected(probes, spacing, core, |kernels, some, spacing| {
+    corrected(probes, f64::min, spacing, core, |kernels, some, spacing| {
         probe_heights(kernels, pupils, (some, part), (spacing, 1), report)
     })
 }
@@ -60,29 +64,39 @@ pub(super) fn evenly(count: usize, n: usize) -> Vec<usize> {
     indices
 }
 
-/// What is `found` at `probes` in the inner part of the core, times the ratio of what `again` finds at some of them in the core, beginning with it, to it.
+/// What is `found` at `probes` in the inner part of the core, times the ratio of what `again` finds at some of them in the core, beginning with it, to it. Of ESFs,
+/// some of which are next to nothing, it is one ratio of the most demanding ones, which `demanding` selects.
 fn corrected<'a>(
     probes: &[f64],
-    found: Vec<f64>,
+    demanding: fn(f64, f64) -> f64,
+    found: Needs,
     core: Option<&mut Kernels<'a>>,
-    again: impl FnOnce(&mut Kernels<'a>, &[f64], Vec<f64>) -> Result<Vec<f64>, DesignError>,
-) -> Result<Vec<f64>, DesignError> {
+    again: impl FnOnce(&mut Kernels<'a>, &[f64], Vec<f64>) -> Result<Needs, DesignError>,
+) -> Result<Needs, DesignError> {
     let Some(kernels) = core else { return Ok(found) };
     let some = evenly(COMPARED, probes.len());
-    let (at, first): (Vec<f64>, Vec<f64>) = some.iter().map(|i| (probes[*i], found[*i])).unzip();
-    let of_core = again(kernels, &at, first.clone())?;
-    let ratio: Vec<f64> = of_core.iter().zip(&first).map(|(core, inner)| core / inner).collect();
-    Ok(probes.iter().zip(found).map(|(h, v)| v * between(&at, &ratio, *h)).collect())
+    let of_some = |values: &Vec<f64>| -> Vec<f64> { some.iter().map(|i| values[*i]).collect() };
+    let at: Vec<f64> = some.iter().map(|i| probes[*i]).collect();
+    let [l1, esf] = found.each_ref().map(of_some);
+    let [core_l1, core_esf] =
+        again(kernels, &at, l1.iter().zip(&esf).map(|(a, b)| demanding(*a, *b)).collect())?;
+    let ratio: Vec<f64> = core_l1.iter().zip(&l1).map(|(core, inner)| core / inner).collect();
+    let most = |needs: Vec<f64>| needs.into_iter().reduce(demanding).unwrap_or(1.0);
+    let of_esf = most(core_esf) / most(esf);
+    let [found_l1, found_esf] = found;
+    let l1 = probes.iter().zip(found_l1).map(|(h, v)| v * between(&at, &ratio, *h));
+    Ok([l1.collect(), found_esf.into_iter().map(|v| of_esf * v).collect()])
 }
 
-/// Azimuths needed at the probing heights for an error of `part`, not rounded, from `need` on in some passes.
+/// [`azimuths_needed`], from `need` on in some passes.
 fn probe_azimuths(
     kernels: &mut Kernels<'_>,
     pupils: &mut Pupils<'_>,
     (probes, part): (&[f64], f64),
     (mut need, passes): (Vec<f64>, usize),
     report: &mut dyn FnMut(&'static str, usize),
-) -> Result<Vec<f64>, DesignError> {
+) -> Result<Needs, DesignError> {
+    let mut needs = [need.clone(), need.clone()];
     for _ in 0..passes {
         let step = |i: usize, need: &[f64]| PI / need[i];
         let requested: Vec<(f64, f64)> =
@@ -90,21 +104,25 @@ fn probe_azimuths(
         report("probing", kernels.fill(pupils, &requested)?);
         for (i, h) in probes.iter().enumerate() {
             let between = kernels.mean_with_mirror(kernels.at(*h, step(i, &need)));
-            let error = l1(&between, kernels.at(*h, 0.0));
-            need[i] = (need[i] * (error / part).sqrt()).clamp(8.0, MAX_AZIMUTHS as f64);
+            let shares = shares_of(Difference::of(&between, kernels.at(*h, 0.0)), part);
+            let of = |share: f64| (need[i] * share.sqrt()).clamp(8.0, MAX_AZIMUTHS as f64);
+            let found = shares.map(of);
+            needs.iter_mut().zip(found).for_each(|(needs, found)| needs[i] = found);
+            need[i] = found[0].max(found[1]);
         }
     }
-    Ok(need)
+    Ok(needs)
 }
 
-/// Spacing of heights [mm] allowed at the probing heights for an error of `part`, from `spacing` on in some passes.
+/// [`spacing_allowed`], from `spacing` on in some passes.
 fn probe_heights(
     kernels: &mut Kernels<'_>,
     pupils: &mut Pupils<'_>,
     (probes, part): (&[f64], f64),
     (spacing, passes): (Vec<f64>, usize),
     report: &mut dyn FnMut(&'static str, usize),
-) -> Result<Vec<f64>, DesignError> {
+) -> Result<Needs, DesignError> {
+    let mut needs = [spacing.clone(), spacing.clone()];
     let last = probes[probes.len() - 1];
     let mut half: Vec<f64> = spacing.into_iter().map(|s| 0.5 * s).collect();
     for _ in 0..passes {
@@ -122,11 +140,20 @@ fn probe_heights(
         report("probing", kernels.fill(pupils, &requested)?);
         for i in 0..probes.len() {
             let (a, c, b) = ends(i, &half);
-            let error = l1(&mean(kernels.at(a, 0.0), kernels.at(b, 0.0)), kernels.at(c, 0.0));
-            half[i] = (half[i] * (part / error.max(LEAST_ERROR)).sqrt()).clamp(last * 1e-4, 0.2 * last);
+            let mean = mean(kernels.at(a, 0.0), kernels.at(b, 0.0));
+            let shares = shares_of(Difference::of(&mean, kernels.at(c, 0.0)), part);
+            let of = |share: f64| (half[i] / share.max(LEAST_ERROR).sqrt()).clamp(last * 1e-4, 0.2 * last);
+            let found = shares.map(of);
+            needs.iter_mut().zip(found).for_each(|(needs, found)| needs[i] = 2.0 * found);
+            half[i] = found[0].min(found[1]);
         }
     }
-    Ok(half.into_iter().map(|h| 2.0 * h).collect())
+    Ok(needs)
+}
+
+/// L1 and ESF over what they may be for an L1 of `part`.
+fn shares_of(difference: Difference, part: f64) -> [f64; 2] {
+    [difference.l1 / part, difference.esf / (ESF_SHARE * part)]
 }
 
 /// Linear between the points, constant beyond.
@@ -147,19 +174,23 @@ mod tests {
     #[test]
     fn what_the_core_needs_is_that_of_its_inner_part_times_the_ratio_at_some_probes() {
         let probes: Vec<f64> = (1..=12).map(f64::from).collect();
-        let found: Vec<f64> = probes.iter().map(|h| 10.0 * h).collect();
+        let l1: Vec<f64> = probes.iter().map(|h| 10.0 * h).collect();
+        let found = [l1.clone(), vec![7.0; 12]];
         let grid = PsfGrid::new(3, 1.0);
         let mut kernels = Kernels::new(&grid, 3, 2.0);
-        let of_core = corrected(&probes, found.clone(), Some(&mut kernels), |_, at, first| {
+        let kernels = Some(&mut kernels);
+        let of_core = corrected(&probes, f64::max, found.clone(), kernels, |_, at, first| {
             assert_eq!((at, &first[..]), (&[1.0, 4.0, 8.0, 12.0][..], &[10.0, 40.0, 80.0, 120.0][..]));
-            // Ratios of 1, 2, 2 and 3.
-            Ok(vec![10.0, 80.0, 160.0, 360.0])
+            // Ratios of 1, 2, 2 and 3; of the ESF 2, that of the largest.
+            Ok([vec![10.0, 80.0, 160.0, 360.0], vec![0.1, 14.0, 3.0, 8.0]])
         });
+        let [of_core, of_esf] = of_core.unwrap();
+        assert_eq!(of_esf, [14.0; 12]);
         let ratios = [1.0, 4.0 / 3.0, 5.0 / 3.0, 2.0, 2.0, 2.0, 2.0, 2.0, 2.25, 2.5, 2.75, 3.0];
-        for ((found, ratio), of_core) in found.iter().zip(ratios).zip(of_core.unwrap()) {
+        for ((found, ratio), of_core) in l1.iter().zip(ratios).zip(of_core) {
             assert!((of_core - found * ratio).abs() < 1e-9, "{of_core}, {found} times {ratio}");
         }
-        let alone = corrected(&probes, found.clone(), None, |_, _, _| Ok(Vec::new()));
+        let alone = corrected(&probes, f64::max, found.clone(), None, |_, _, _| unreachable!());
         assert_eq!(alone.unwrap(), found);
     }
 

@@ -3,6 +3,7 @@
 //! A cell above the threshold is split in height if its error is mostly radial, else the azimuths of its two heights grow. See
 //! [`super::grid`].
 
+use super::difference::{Difference, ESF_SHARE};
 use super::options::{BASE_NODES, MAX_NODES, TraceOptions};
 #[cfg(doc)]
 use crate::design::psf::PsfGrid;
@@ -20,7 +21,7 @@ pub(super) const MIN_PSFS: usize = 24;
 /// Maximum of azimuths of a height.
 pub(super) const MAX_AZIMUTHS: usize = 2880;
 
-/// L1 errors of kernels at the centres of the cells between nodes.
+/// Errors of kernels at the centres of the cells between nodes: L1, but for [`NodeError::edge`].
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct NodeError {
     /// Maximum.
@@ -29,23 +30,47 @@ pub struct NodeError {
     pub at_mm: f64,
     /// Median.
     pub median: f64,
+    /// Maximum of what an edge differs by in a film, of white.
+    pub edge: f64,
     /// Whether the budget ended the refinement above the tolerance, or above [`TraceOptions::excess`] times the tolerance.
     pub limited: bool,
 }
 
-/// L1 errors at the centre of a cell: in both directions, in r alone, in θ alone (the larger of its two heights).
+impl NodeError {
+    /// That of the differences at some heights, mm.
+    pub(in crate::design) fn of(mut differences: Vec<(Difference, f64)>, limited: bool) -> Self {
+        differences.sort_by(|a, b| a.0.l1.total_cmp(&b.0.l1));
+        let median = differences.get(differences.len() / 2).map_or(0.0, |e| e.0.l1);
+        let (Difference { l1: worst, .. }, at_mm) = differences.last().copied().unwrap_or_default();
+        let edge = differences.iter().map(|e| e.0.esf).fold(0.0, f64::max);
+        Self { worst, at_mm, median, edge, limited }
+    }
+
+    /// Its maxima over an L1 and an ESF: the larger ratio.
+    pub(in crate::design) fn over(&self, l1: f64, esf: f64) -> f64 {
+        (self.worst / l1).max(self.edge / esf)
+    }
+
+    /// Whether an error is above what `options` allow where `max_nodes` suffices.
+    pub(super) fn is_above(&self, options: &TraceOptions) -> bool {
+        let tolerance = options.psf_tolerance;
+        self.over(options.excess * tolerance, ESF_SHARE * tolerance) > 1.0
+    }
+}
+
+/// Errors at the centre of a cell: in both directions, in r alone, in θ alone (the larger of its two heights).
+#[derive(Clone, Copy, Debug)]
 pub(super) struct CellError {
-    pub(super) total: f64,
-    pub(super) radial: f64,
-    pub(super) angular: f64,
+    pub(super) total: Difference,
+    pub(super) radial: Difference,
+    pub(super) angular: Difference,
 }
 
 impl CellError {
-    /// Multiplies all errors by `factor`.
-    pub(super) fn scale(&mut self, factor: f64) {
-        self.total *= factor;
-        self.radial *= factor;
-        self.angular *= factor;
+    /// `combine` of each of its numbers, L1 with that of `other` and ESF with that of `other`.
+    pub(super) fn with(self, other: Difference, combine: impl Fn(f64, f64) -> f64) -> Self {
+        let one = |a: Difference| a.with(other, &combine);
+        Self { total: one(self.total), radial: one(self.radial), angular: one(self.angular) }
     }
 }
 
@@ -112,6 +137,8 @@ pub(super) struct Fit {
 /// How cells above a threshold are refined.
 pub(super) struct Refinement {
     pub(super) threshold: f64,
+    /// Largest L1 over its tolerance where the largest ESF is its own, which [`Difference::error`] takes.
+    pub(super) l1_over_esf: f64,
     pub(super) free_heights: bool,
     pub(super) free_azimuths: bool,
 }
@@ -127,8 +154,10 @@ impl Refinement {
         let (mut new_heights, mut new_azimuths) = (vec![heights[0]], vec![azimuths[0]]);
         let mut grow = vec![false; heights.len()];
         for (k, e) in errors.iter().enumerate() {
-            let fails = e.total > self.threshold;
-            let split = fails && self.free_heights && (e.radial >= e.angular || !self.free_azimuths);
+            let [total, radial, angular] =
+                [e.total, e.radial, e.angular].map(|difference| difference.error(self.l1_over_esf));
+            let fails = total > self.threshold;
+            let split = fails && self.free_heights && (radial >= angular || !self.free_azimuths);
             if fails && !split && self.free_azimuths {
                 grow[k] = true;
                 grow[k + 1] = true;
@@ -152,10 +181,45 @@ impl Refinement {
 
 /// Maximum, its height and median of the errors of the cells between `heights`.
 pub(super) fn summary(errors: &[CellError], heights: &[f64], limited: bool) -> NodeError {
-    let mut sorted: Vec<(f64, f64)> =
-        errors.iter().enumerate().map(|(k, e)| (e.total, 0.5 * (heights[k] + heights[k + 1]))).collect();
-    sorted.sort_by(|a, b| a.0.total_cmp(&b.0));
-    let median = sorted.get(sorted.len() / 2).map_or(0.0, |e| e.0);
-    let (worst, at_mm) = sorted.last().copied().unwrap_or((0.0, 0.0));
-    NodeError { worst, at_mm, median, limited }
+    let middle = |k: usize| 0.5 * (heights[k] + heights[k + 1]);
+    NodeError::of(errors.iter().enumerate().map(|(k, e)| (e.total, middle(k))).collect(), limited)
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    const NONE: Difference = Difference { l1: 0.0, esf: 0.0 };
+
+    #[test]
+    fn errors_of_cells_are_summarised_with_the_place_of_the_largest_l1() {
+        let of = |l1, esf| Difference { l1, esf };
+        let found =
+            NodeError::of(vec![(of(0.02, 1e-3), 1.0), (of(0.01, 3e-3), 2.0), (of(0.005, 0.0), 3.0)], false);
+        let expected = NodeError { worst: 0.02, at_mm: 1.0, median: 0.01, edge: 3e-3, limited: false };
+        assert_eq!(found, expected);
+        assert_eq!(found.over(0.01, 1e-3), 3.0);
+        assert_eq!(
+            NodeError::of(Vec::new(), true),
+            NodeError { worst: 0.0, at_mm: 0.0, median: 0.0, edge: 0.0, limited: true }
+        );
+    }
+
+    #[test]
+    fn a_cell_is_refined_for_its_edges_as_well() {
+        // The ESF of a cell, mostly by its azimuths, is a fifth of 0.012; its L1 is small.
+        let error = CellError {
+            total: Difference { l1: 0.005, esf: 0.0024 },
+            radial: NONE,
+            angular: Difference { l1: 0.004, esf: 0.0022 },
+        };
+        let refined = |threshold, l1_over_esf| {
+            let refinement = Refinement { threshold, l1_over_esf, free_heights: true, free_azimuths: true };
+            refinement.apply(&[0.0, 1.0], &[8, 16], &[error], &|_| 8)
+        };
+        assert_eq!(refined(0.013, 1.0), (vec![0.0, 1.0], vec![8, 16]));
+        // 1.15 times and 7 more, in eights; the L1 may be twice its tolerance, the ESF not.
+        assert_eq!(refined(0.011, 1.0), (vec![0.0, 1.0], vec![16, 32]));
+        assert_eq!(refined(0.02, 2.0), (vec![0.0, 1.0], vec![16, 32]));
+    }
 }

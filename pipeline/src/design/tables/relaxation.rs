@@ -13,6 +13,11 @@ const MAX_RATIO: f64 = 4.0;
 const STEP: f64 = 1.1;
 const MAX: f64 = 1e4;
 
+/// Factor of the tolerance of edges ([`super::difference`]) where that of the L1 has `factor`: none up to `kept_up_to`.
+pub(super) fn relaxed_esf(factor: f64, kept_up_to: f64) -> f64 {
+    (factor / kept_up_to).max(1.0)
+}
+
 /// Factors of the parts of the tolerance.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub(super) struct Relaxation {
@@ -77,6 +82,13 @@ mod tests {
         assert_eq!(some.radial, many.radial);
         let nodes = 1e4 / (some.radial * some.angular).sqrt();
         assert!(nodes <= 1000.0 && nodes * STEP.sqrt() > 1000.0 && some.angular < some.radial, "{some:?}");
+    }
+
+    #[test]
+    fn edges_keep_their_tolerance_up_to_the_excess_of_the_l1() {
+        let at = |kept_up_to| [1.0, 1.5, 2.0, 3.0].map(|factor| relaxed_esf(factor, kept_up_to));
+        assert_eq!(at(2.0), [1.0, 1.0, 1.0, 1.5]);
+        assert_eq!(at(1.0), [1.0, 1.5, 2.0, 3.0], "both alike");
     }
 
     #[test]

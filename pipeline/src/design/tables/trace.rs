@@ -11,6 +11,7 @@ use rayon::prelude::*;
 pub use super::band_mean::BandRange;
 use super::band_mean::{BandSampling, BandTracers};
 use super::dense::transmission;
+pub use super::difference::ESF_SHARE;
 pub use super::estimate::Estimate;
 use super::grid::{self, Chosen};
 use super::kernels::Compared;
@@ -41,8 +42,8 @@ const ENERGIES: usize = 24;
 
 /// Incremented when the results for the same design and options change.
 pub const TRACER_VERSION: u32 = 10;
-/// Incremented when nodes or windows for the same design and options change, which packs with pupil functions have stored.
-pub const NODES_VERSION: u32 = 5;
+/// Incremented when nodes, windows or pitches of samples for the same design and options change, which packs with pupil functions have stored.
+pub const NODES_VERSION: u32 = 6;
 
 /// Incremented when tails for the same design and options change.
 pub const TAILS_VERSION: u32 = 6;
@@ -362,8 +363,8 @@ impl<'a> LensTrace<'a> {
         let mut kernels = Compared::new(core, inner.as_ref(), self.options.film_pitch_um);
         let options = self.node_options();
         let found = grid::adopt(&mut kernels, pupils, options.psf_tolerance, other, report)?;
-        let (allowed, most) = (max_heights(&options, *budget_sides), options.excess * options.psf_tolerance);
-        Ok(found.filter(|nodes| self.has_base_nodes || !nodes.is_limited_beside(allowed, most)))
+        let allowed = max_heights(&options, *budget_sides);
+        Ok(found.filter(|nodes| self.has_base_nodes || !nodes.is_limited_beside(allowed, &options)))
     }
 }
 

@@ -170,7 +170,7 @@ impl Planar<'_> {
                 reports.push(band.report);
                 lens.bands.push(band.tables.clone());
                 let failed = |e: Stopped| DesignError::Sink { wavelength_nm: *nm, problem: e.to_string() };
-                if missed_tolerance(args, &reports).is_some() {
+                if missed_tolerance(args.psf_tolerance, &reports).is_some() {
                     Err(failed(Stopped))?;
                 }
                 // PSFs are largest at the shortest wavelength, which is the first: how many there are is known only then.
@@ -187,7 +187,7 @@ impl Planar<'_> {
             Ok::<_, SkewError>(lens)
         });
         bar.finish();
-        if let Some(missed) = missed_tolerance(args, &reports) {
+        if let Some(missed) = missed_tolerance(args.psf_tolerance, &reports) {
             return Err(missed);
         }
         let context = || format!("tracing {what}");

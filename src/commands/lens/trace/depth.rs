@@ -64,7 +64,7 @@ pub fn trace(
                 windows.max().unwrap_or(0),
             ));
         });
-        if let Some(missed) = missed_tolerance(args, nodes) {
+        if let Some(missed) = missed_tolerance(args.psf_tolerance, nodes) {
             return Err(missed);
         }
         reports.push(traced.reports[traced.nodes.nearest(depth.focus)]);

@@ -1,7 +1,7 @@
 //! Choice of the columns and rows of PSFs: as many as kernels between them need.
 //!
 //! ```text
-//! kernel between nodes: bilinear;    its error at the centre of a cell = C_x h_x² + C_y h_y²        (L1 norm of film-pixel kernels)
+//! kernel between nodes: bilinear;    its error at the centre of a cell = C_x h_x² + C_y h_y²        (L1 of film-pixel kernels, or five times their ESF)
 //! ```
 //! C_x and C_y are those of the worst of 5 × 5 places, from kernels half a step to either side; each direction has half the tolerance.
 //! The error is then measured at the centres of cells over the whole film, and both steps are divided by the square root of an excess.
@@ -10,7 +10,7 @@
 use super::super::error::SkewError;
 use super::super::map::FilmRange;
 use super::kernels::PlaceKernels;
-use crate::design::tables::kernels::l1;
+use crate::design::tables::difference::{Difference, ESF_SHARE};
 use crate::design::tables::refine::NodeError;
 use crate::design::tables::trace::{PsfHeights, TraceOptions};
 use crate::real;
@@ -72,11 +72,12 @@ pub(super) fn choose(
         let limited = fit(&mut counts, most);
         let nodes = Nodes::new(range, counts);
         let error = NodeError { limited, ..measured(kernels, &nodes, report)? };
-        if error.worst <= EXCESS * tolerance || limited || round == ROUNDS {
-            let limited = error.worst > EXCESS * tolerance;
+        let excess = error.over(tolerance, ESF_SHARE * tolerance);
+        if excess <= EXCESS || limited || round == ROUNDS {
+            let limited = excess > EXCESS;
             return Ok(Nodes { error: Some(NodeError { limited, ..error }), ..nodes });
         }
-        let factor = (error.worst / tolerance).sqrt();
+        let factor = excess.sqrt();
         counts = counts.map(|n| ((n - 1) as f64 * factor).ceil() as usize + 1);
     }
     unreachable!("the last round returns")
@@ -119,7 +120,7 @@ fn step(
         let error = |[before, at, behind]: &[[f64; 2]; 3]| {
             let mean: Vec<f32> =
                 kernels.at(*before).iter().zip(kernels.at(*behind)).map(|(a, b)| 0.5 * (a + b)).collect();
-            l1(&mean, kernels.at(*at))
+            Difference::of(&mean, kernels.at(*at)).error(1.0)
         };
         let worst = cases.iter().map(error).fold(0.0, f64::max);
         let measured = step;
@@ -160,12 +161,9 @@ fn measured(
         let truth = kernels.at(*at);
         let mean: Vec<f32> =
             (0..truth.len()).map(|i| 0.25 * corners.iter().map(|kernel| kernel[i]).sum::<f32>()).collect();
-        (l1(&mean, truth), real::hypot(at[0], at[1]))
+        (Difference::of(&mean, truth), real::hypot(at[0], at[1]))
     };
-    let mut errors: Vec<(f64, f64)> = cases.iter().map(error).collect();
-    errors.sort_by(|a, b| a.0.total_cmp(&b.0));
-    let (worst, at_mm) = errors[errors.len() - 1];
-    Ok(NodeError { worst, at_mm, median: errors[errors.len() / 2].0, limited: false })
+    Ok(NodeError::of(cases.iter().map(error).collect(), false))
 }
 
 #[cfg(test)]

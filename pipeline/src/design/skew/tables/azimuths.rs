@@ -21,7 +21,7 @@ use super::super::error::SkewError;
 use super::band_limited::{azimuth_of, dirichlet};
 use super::functions::Functions;
 use super::kernels::{View, Views};
-use crate::design::tables::kernels::l1;
+use crate::design::tables::difference::Difference;
 
 /// Heights at which A is determined.
 pub(super) const PROBES: usize = 6;
@@ -98,7 +98,8 @@ fn is_symmetric(
         let first = views.at(&all[0]);
         let n = first.len().isqrt();
         let mirrored: Vec<f32> = (0..n * n).map(|i| first[(n - 1 - i / n) * n + i % n]).collect();
-        let differs = |view: &View| l1(views.at(view), first) > SAME || l1(views.at(view), &mirrored) > SAME;
+        let is_other = |view: &View, kernel: &[f32]| Difference::of(views.at(view), kernel).l1 > SAME;
+        let differs = |view: &View| is_other(view, first) || is_other(view, &mirrored);
         if all.iter().any(differs) {
             return Ok(false);
         }

@@ -13,7 +13,7 @@ use super::super::error::SkewError;
 use super::functions::Functions;
 use super::kernels::{View, Views};
 use super::nominal::Nominal;
-use crate::design::tables::kernels::l1;
+use crate::design::tables::difference::{Difference, ESF_SHARE};
 use crate::design::tables::refine::{NodeError, round_azimuths};
 use crate::design::tables::trace::{Azimuths, PsfHeights, TraceOptions};
 
@@ -45,14 +45,16 @@ pub(super) fn choose(
     let mut nodes =
         Nodes { heights: chosen.heights.clone(), azimuths: chosen.azimuths.clone(), error: chosen.error };
     let Some(there) = chosen.error else { return Ok(nodes) };
-    let allowed = EXCESS * options.psf_tolerance.max(there.worst);
+    let tolerance = options.psf_tolerance;
+    let allowed = (tolerance.max(there.worst), (ESF_SHARE * tolerance).max(there.edge));
     for round in 0..=ROUNDS {
         let error = measured(views, functions, &nodes, report)?;
         nodes.error = Some(error);
-        if error.worst <= allowed {
+        let excess = error.over(allowed.0, allowed.1);
+        if excess <= EXCESS {
             break;
         }
-        let finer = finer(&nodes, options, (error.worst / options.psf_tolerance.max(there.worst)).sqrt());
+        let finer = finer(&nodes, options, excess.sqrt());
         let count: usize = finer.azimuths.iter().sum();
         let is_more = finer.heights != nodes.heights || finer.azimuths != nodes.azimuths;
         if round == ROUNDS || count > options.base_nodes() || !is_more {
@@ -126,7 +128,7 @@ fn measured(
         .collect();
     report("checking", views.fill(functions, &requested)?);
     let views = &*views;
-    let errors: Vec<(f64, f64)> = cases
+    let errors: Vec<(Difference, f64)> = cases
         .par_iter()
         .map(|(k, azimuth)| {
             let truth = views.at(&centre(*k, *azimuth));
@@ -135,11 +137,8 @@ fn measured(
             let mean: Vec<f32> = (0..truth.len())
                 .map(|i| 0.25 * kernels.iter().map(|kernel| kernel[i]).sum::<f32>())
                 .collect();
-            (l1(&mean, truth), centre(*k, *azimuth).place.0)
+            (Difference::of(&mean, truth), centre(*k, *azimuth).place.0)
         })
         .collect();
-    let (worst, at_mm) = errors.iter().copied().fold((0.0, 0.0), |a, b| if b.0 > a.0 { b } else { a });
-    let mut sorted: Vec<f64> = errors.iter().map(|e| e.0).collect();
-    sorted.sort_by(f64::total_cmp);
-    Ok(NodeError { worst, at_mm, median: sorted[sorted.len() / 2], limited: false })
+    Ok(NodeError::of(errors, false))
 }

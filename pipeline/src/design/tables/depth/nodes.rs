@@ -19,6 +19,7 @@ use crate::design::prescription::system::System;
 use crate::design::psf::film_pixel::FilmPixels;
 use crate::design::psf::{PsfGrid, PsfScratch, PupilFunction};
 use crate::design::rays::ray::Tracer;
+use crate::design::tables::difference::largest_sum;
 use crate::design::tables::window::core_samples;
 use crate::real;
 
@@ -382,14 +383,7 @@ fn differences(far: &[f32], middle: &[f32], near: &[f32], n: usize) -> Errors {
         rows[i / n] += e;
         columns[i % n] += e;
     }
-    let largest = |sums: &[f64]| {
-        let running = sums.iter().scan(0.0, |sum, v| {
-            *sum += v;
-            Some(f64::abs(*sum))
-        });
-        running.fold(0.0, f64::max)
-    };
-    [l1, largest(&rows).max(largest(&columns))]
+    [l1, largest_sum(&rows).max(largest_sum(&columns))]
 }
 
 #[cfg(test)]
