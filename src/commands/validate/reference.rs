@@ -218,8 +218,8 @@ impl ReferenceBand<'_> {
         }
     }
 
-    /// Samples of the traced PSF, their number along a side and their pitch in film pixels: the sampling of a traced pack, a
-    /// tenth finer than Nyquist with an integer number of samples per film pixel.
+    /// Samples of the traced PSF, their number along a side and their pitch in film pixels: a tenth finer than
+    /// Nyquist with an integer number of samples per film pixel.
     fn traced(
         &self,
         real_mm: f64,

@@ -4,6 +4,7 @@ use rayon::prelude::*;
 
 use super::options::{Azimuths, PsfHeights};
 use super::refine::{max_heights, max_psfs};
+use super::sampled::pitch_below;
 #[cfg(doc)]
 use super::shared_nodes::node_wavelengths;
 use super::trace::LensTrace;
@@ -55,21 +56,22 @@ impl LensTrace<'_> {
             .collect::<Result<_, DesignError>>()?;
         let film = options.film_pitch_um;
         let nyquist = bundles.iter().map(Bundle::nyquist_um).fold(f64::INFINITY, f64::min);
-        let pitch_um = options.psf_pitch_um.unwrap_or(film / (film / (0.9 * nyquist)).ceil());
+        let pitch_um = options.psf_pitch_um.unwrap_or_else(|| pitch_below(options, nyquist));
         let Windows { px: window_px, core_px } = match options.window_px {
             Some(px) => Windows { px, core_px: px },
             None => expected(options, bundles.iter(), pitch_um),
         };
         let light =
             1.0 - bundles.iter().map(|b| b.light_outside(0.5 * film * window_px as f64)).fold(0.0, f64::max);
-        let side = 2 * half_samples(window_px, film, pitch_um) + 1;
+        let spline_pitch_um = self.spline_pitch((pitch_um, nyquist), window_px);
+        let side = 2 * half_samples(window_px, film, spline_pitch_um) + 1;
         let core_side = 2 * core_samples(core_px, film, pitch_um).0 + 1;
         let limited = PSFS.min(max_psfs(&self.node_options(), core_side.pow(2) as f64));
         let (chosen_by, max_bytes) = match (&options.heights, options.azimuths) {
             (PsfHeights::Given(h), Azimuths::Given(_)) => (0, 4 * side * side * h.len()),
             (PsfHeights::Given(h), _) => (limited.max(3 * h.len()), 4 * side * side * h.len()),
             (PsfHeights::ByError, _) => {
-                let heights = max_heights(options, (side, self.film_side(side, pitch_um)));
+                let heights = max_heights(options, (side, self.film_side(side, spline_pitch_um)));
                 (limited, 4 * side * side * heights.min(options.max_nodes))
             }
         };

@@ -1,6 +1,7 @@
 //! What the PSFs of a wavelength are computed with: pupil functions of thirteen heights, sample pitch and windows.
 //!
-//! Sample pitch: film pitch / m with the minimum m that is 10 % finer than the Nyquist pitch λN/2 of the fastest, max oblique cone of the heights.
+//! Sample pitch: film pitch / m with the minimum m that is 10 % finer than the Nyquist pitch λN/2 of the fastest, max oblique cone of the heights; of the PSFs that
+//! films use finer ([`pitch_for_splines`]).
 //! Window: the minimum odd number of film pixels that contains the share `energy` of the energy of every sampled field point (`window`), with tails
 //! the larger one that rays at the edge of the pupil need.
 
@@ -67,7 +68,7 @@ impl LensTrace<'_> {
             .into_par_iter()
             .map(|share| Bundle::trace(&tracer, tracer.field_of_height(share * last_mm)?, 12, 16))
             .collect::<Result<_, DesignError>>()?;
-        let pitch_um = self.pitch(bundles.iter().map(Bundle::nyquist_um))?;
+        let pitch_um = self.pitch(smallest(bundles.iter().map(Bundle::nyquist_um)))?;
         Ok(expected(self.options, bundles.iter(), pitch_um))
     }
 
@@ -86,7 +87,8 @@ impl LensTrace<'_> {
         // Those of the kernels that are examined first.
         let heights: Vec<f64> = (0..=12).map(|i| last_mm * f64::from(i) / 12.0).collect();
         let pupils = Pupils::new(tracer, &heights)?;
-        let pitch_um = self.pitch(heights.iter().map(|h| pupils.at(*h).nyquist_um()))?;
+        let nyquist_um = smallest(heights.iter().map(|h| pupils.at(*h).nyquist_um()));
+        let pitch_um = self.pitch(nyquist_um)?;
         report("window", 0);
         let is_determined = options.window_px.is_none() && self.sampling.windows.is_none();
         let given = options.window_px.map(|px| Windows { px, core_px: px }).or(self.sampling.windows);
@@ -97,17 +99,18 @@ impl LensTrace<'_> {
                 (found.windows, Some(found))
             }
         };
+        let spline_pitch_um = self.spline_pitch((pitch_um, nyquist_um), plain_px);
         let edges: Option<Vec<Edge>> = (self.tails && self.band.is_none())
             .then(|| heights.par_iter().map(|h| pupils.at(*h).edge(tracer.surfaces())).collect());
         let window_px = match &edges {
             Some(edges) if options.window_px.is_none() => {
-                for_tails(options, plain_px, blur_um(edges), pitch_um)
+                for_tails(options, plain_px, blur_um(edges), spline_pitch_um)
             }
             _ => plain_px,
         };
         report("window", if is_determined { heights.len() } else { 0 });
         let (half, psf_pitch_um) = match self.sampling.is_coarse {
-            false => (half_samples(window_px, options.film_pitch_um, pitch_um), pitch_um),
+            false => (half_samples(window_px, options.film_pitch_um, spline_pitch_um), spline_pitch_um),
             true => core_samples(window_px, options.film_pitch_um, pitch_um),
         };
         let grid = PsfGrid::new(half, psf_pitch_um);
@@ -117,10 +120,10 @@ impl LensTrace<'_> {
         let inner = inner_px.and_then(|px| core.inner(px, options.film_pitch_um, pitch_um));
         let light = found.map(|found| found.light);
         let side = match self.sampling.is_coarse {
-            false => 2 * half_samples(plain_px, options.film_pitch_um, pitch_um) + 1,
+            false => 2 * half_samples(plain_px, options.film_pitch_um, spline_pitch_um) + 1,
             true => grid.size(),
         };
-        let budget_sides = (side, self.film_side(side, pitch_um));
+        let budget_sides = (side, self.film_side(side, spline_pitch_um));
         Ok(Sampled {
             pupils,
             last_mm,
@@ -144,21 +147,85 @@ impl LensTrace<'_> {
         }
     }
 
-    fn pitch(&self, nyquist_um: impl Iterator<Item = f64>) -> Result<f64, DesignError> {
-        let nyquist = nyquist_um.fold(f64::INFINITY, f64::min);
+    /// Pitch that resolves `nyquist_um`, of PSFs whose light and kernels are compared; or that given.
+    fn pitch(&self, nyquist_um: f64) -> Result<f64, DesignError> {
         match self.options.psf_pitch_um {
-            Some(pitch) if pitch > nyquist => Err(DesignError::Option {
+            Some(pitch) if pitch > nyquist_um => Err(DesignError::Option {
                 option: "psf pitch",
                 value: format!("{pitch} µm"),
                 expected: "one finer than Nyquist, λN/2 of the widest cone",
             }),
             Some(pitch) => Ok(pitch),
-            None => Ok(pitch_below(self.options, nyquist)),
+            None => Ok(pitch_below(self.options, nyquist_um)),
         }
     }
+
+    /// Pitch of the PSFs of films in a window of `px` film pixels, at most `pitch_um`, which resolves `nyquist_um`.
+    pub(super) fn spline_pitch(&self, (pitch_um, nyquist_um): (f64, f64), px: usize) -> f64 {
+        match self.options.psf_pitch_um.is_some() || self.has_base_nodes {
+            true => pitch_um,
+            false => pitch_um.min(pitch_for_splines(self.options.film_pitch_um, nyquist_um, px)),
+        }
+    }
+}
+
+/// Smallest of the pitches of `nyquist_um`, µm.
+fn smallest(nyquist_um: impl Iterator<Item = f64>) -> f64 {
+    nyquist_um.fold(f64::INFINITY, f64::min)
 }
 
 /// The largest part of the film pitch, µm, that is 10 % finer than `nyquist_um`.
 pub(in crate::design) fn pitch_below(options: &TraceOptions, nyquist_um: f64) -> f64 {
     options.film_pitch_um / (options.film_pitch_um / (0.9 * nyquist_um)).ceil()
+}
+
+/// Windows from which on PSFs have many samples, film pixels.
+const WIDE_PX: usize = 65;
+/// Largest pitch over Nyquist for splines, in windows below [`WIDE_PX`] and in wide ones.
+const BELOW_NYQUIST: (f64, f64) = (0.6, 0.65);
+/// Most samples a film pixel that splines need, along one direction, in such windows: pixels of more hardly pass what lies near Nyquist.
+const MOST: (f64, f64) = (8.0, 3.0);
+
+/// Pitch of samples whose splines, which films rotate, are exact, µm, in a window of `px` film pixels: the film's over a whole number, or over a multiple of one half
+/// in wide windows.
+///
+/// Splines lose what lies near Nyquist. Of 0.7 to 0.9 of it, kernels of PSFs in focus had errors of 0.2 to 1.2 % (L1) and 0.1 % of white at edges, besides those of nodes
+/// (`scripts/bench/2026-11-30-edges`). Samples of wide windows take most of the time and the memory of a film.
+fn pitch_for_splines(film_pitch_um: f64, nyquist_um: f64, px: usize) -> f64 {
+    let needed = |part: f64| film_pitch_um / (part * nyquist_um);
+    let count = match px < WIDE_PX {
+        true => needed(BELOW_NYQUIST.0).ceil().min(MOST.0),
+        false => (0.5 * (2.0 * needed(BELOW_NYQUIST.1)).ceil()).min(MOST.1),
+    };
+    film_pitch_um / count
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn samples_are_finer_than_nyquist_needs() {
+        // f/1.4, f/2.8 and f/4.5 at 550 nm, a mirror lens of f/8 at 700 nm, f/32; samples a pixel at 0.9 of Nyquist, in a narrow and in a wide window.
+        let cases = [
+            (0.385, [6.0, 8.0, 3.0]),
+            (0.77, [3.0, 5.0, 3.0]),
+            (1.24, [2.0, 3.0, 2.5]),
+            (2.8, [1.0, 2.0, 1.5]),
+            (8.8, [1.0, 1.0, 0.5]),
+        ];
+        let options = TraceOptions::new(vec![550.0], 10.0);
+        for (nyquist_um, expected) in cases {
+            let pitches = [
+                pitch_below(&options, nyquist_um),
+                pitch_for_splines(2.0, nyquist_um, 63),
+                pitch_for_splines(2.0, nyquist_um, 65),
+            ];
+            let found = pitches.map(|pitch| options.film_pitch_um / pitch);
+            assert!(
+                found.iter().zip(expected).all(|(a, b)| (a - b).abs() < 1e-12),
+                "{nyquist_um}: {found:?}"
+            );
+        }
+    }
 }
