@@ -9,8 +9,9 @@
 //! cell centres is recorded as the bound. Of many cells a part is measured: errors change slowly with height, and are linear between the measured cells.
 //! Budget: if the tolerances need more than a quarter of `max_nodes` nodes, or more samples or PSFs than go with them ([`super::refine`]), spacings grow by a common
 //! factor until they fit, which keeps the error equal over the field and so its maximum minimal. The factor is at most [`TraceOptions::excess`], unless that needs
-//! more than `max_nodes`; edges keep their tolerance up to it, where `max_nodes` allows more. Then the cells of the largest errors are refined as far as the budget
-//! allows. Where samples or PSFs limit the heights, azimuths, which need neither, keep up to a quarter of the error ([`super::relaxation`]).
+//! more than `max_nodes`; edges keep their tolerance up to it, and yield first where no further nodes are allowed (lenses as built and others of many PSFs). Then
+//! the cells of the largest errors are refined as far as the budget allows. Where samples or PSFs limit the heights, azimuths, which need neither, keep up to a
+//! quarter of the error ([`super::relaxation`]).
 //! Kernels are compared in the core of the window, or mostly in its inner part ([`super::kernels`]).
 //! Neighbouring wavelengths need nearly the same nodes: [`adopt`] takes those of another one if a few cells, measured at both, agree.
 //! Rotated PSFs are exact here (the pupil is rotated, not the image); the film's kernels have an additional rotation error.
@@ -111,43 +112,49 @@ pub(super) fn choose(
     let most_heights = max_heights(options, sides).min(left / 4).max(3);
     let budget = Budget { nodes: options.max_nodes, heights: most_heights };
     let base = Budget { nodes: options.base_nodes(), heights: most_heights };
-    // Where further nodes are allowed, edges keep their tolerance up to the excess that is allowed for the L1.
-    let has_further = base.nodes < budget.nodes;
-    let kept_up_to = if has_further { options.excess } else { 1.0 };
-    let of_esf = |factor: f64| relaxed_esf(factor, kept_up_to);
-    let heights_at = |radial: f64| match (&given, &spacing) {
+    let heights_at = |radial: f64, kept_up_to: f64| match (&given, &spacing) {
         (None, Some([l1, esf])) => {
-            let factors = [radial, of_esf(radial)].map(f64::sqrt);
+            let factors = [radial, relaxed_esf(radial, kept_up_to)].map(f64::sqrt);
             let spacing = l1.iter().zip(esf).map(|(l1, esf)| (factors[0] * l1).min(factors[1] * esf));
             place(&probes, &spacing.collect::<Vec<f64>>(), last_mm)
         }
         _ => given.clone().unwrap_or_default(),
     };
-    let count_at = |angular: f64| {
-        let factors = if free_azimuths { [angular, of_esf(angular)].map(f64::sqrt) } else { [1.0; 2] };
+    let count_at = |angular: f64, kept_up_to: f64| {
+        let of_esf = relaxed_esf(angular, kept_up_to);
+        let factors = if free_azimuths { [angular, of_esf].map(f64::sqrt) } else { [1.0; 2] };
         let [l1, esf] = &azimuth_need;
         let need: Vec<f64> =
             l1.iter().zip(esf).map(|(l1, esf)| (l1 / factors[0]).max(esf / factors[1])).collect();
         let probes = &probes;
         move |h: f64| round_azimuths(between(probes, &need, h))
     };
-    let least = |from: f64, budget: &Budget| {
+    let least = |from: f64, budget: &Budget, kept_up_to: f64| {
         Relaxation::least(from, |radial, angular| {
-            let heights = heights_at(radial);
-            let azimuths: Vec<usize> = heights.iter().map(|h| count_at(angular)(*h)).collect();
+            let heights = heights_at(radial, kept_up_to);
+            let azimuths: Vec<usize> = heights.iter().map(|h| count_at(angular, kept_up_to)(*h)).collect();
             budget.fits(&heights, &azimuths, free_heights)
         })
     };
-    let of_base = least(1.0, &base);
+    // Where further nodes are allowed, edges keep their tolerance up to the excess that is allowed for the L1; else they yield before it does.
+    let has_further = base.nodes < budget.nodes;
+    let mut kept_up_to = if has_further { options.excess } else { 1.0 };
+    let mut of_base = least(1.0, &base, kept_up_to);
+    if !has_further && of_base.mean() > 1.0 {
+        kept_up_to = 0.0;
+        of_base = least(1.0, &base, kept_up_to);
+    }
     let (relaxed, budget) = match of_base.mean() <= options.excess || !has_further {
         true => (of_base, base),
-        false => (least(options.excess, &budget), budget),
+        false => (least(options.excess, &budget, kept_up_to), budget),
     };
-    let (mut heights, count) = (heights_at(relaxed.radial), count_at(relaxed.angular));
+    let (mut heights, count) =
+        (heights_at(relaxed.radial, kept_up_to), count_at(relaxed.angular, kept_up_to));
     let mut azimuths: Vec<usize> = heights.iter().map(|h| count(*h)).collect();
     let mut limited = relaxed.radial > options.excess;
     let goal = tolerance * relaxed.mean();
-    let l1_over_esf = relaxed.mean() / (0.5 * (of_esf(relaxed.radial) + of_esf(relaxed.angular)));
+    let of_esf = [relaxed.radial, relaxed.angular].map(|factor| relaxed_esf(factor, kept_up_to));
+    let l1_over_esf = relaxed.mean() / (0.5 * (of_esf[0] + of_esf[1]));
     kernels.clear();
     if let Some(kernels) = some {
         kernels.clear();

@@ -13,7 +13,7 @@ const MAX_RATIO: f64 = 4.0;
 const STEP: f64 = 1.1;
 const MAX: f64 = 1e4;
 
-/// Factor of the tolerance of edges ([`super::difference`]) where that of the L1 has `factor`: none up to `kept_up_to`.
+/// Factor of the tolerance of edges ([`super::difference`]) where that of the L1 has `factor`: 1 up to `kept_up_to`; infinite, no tolerance, if that is 0.
 pub(super) fn relaxed_esf(factor: f64, kept_up_to: f64) -> f64 {
     (factor / kept_up_to).max(1.0)
 }
@@ -89,6 +89,7 @@ mod tests {
         let at = |kept_up_to| [1.0, 1.5, 2.0, 3.0].map(|factor| relaxed_esf(factor, kept_up_to));
         assert_eq!(at(2.0), [1.0, 1.0, 1.0, 1.5]);
         assert_eq!(at(1.0), [1.0, 1.5, 2.0, 3.0], "both alike");
+        assert_eq!(at(0.0), [f64::INFINITY; 4], "none");
     }
 
     #[test]
