@@ -34,7 +34,7 @@ use kernels::Views;
 use nominal::Nominal;
 
 /// Incremented when the results for the same lens and options change.
-pub const SKEW_VERSION: u32 = 2;
+pub const SKEW_VERSION: u32 = 3;
 
 /// Heights, from the axis on, and azimuths at which the window is determined.
 const WINDOW_HEIGHTS: usize = 6;

@@ -21,7 +21,7 @@ use crate::design::tables::trace::{Azimuths, PsfHeights, TraceOptions};
 const CELLS: usize = 4;
 const AZIMUTHS: usize = 8;
 /// Largest error over the tolerance, or over the error of the nominal lens where its budget did not allow the tolerance.
-const EXCESS: f64 = 1.3;
+const EXCESS: f64 = 1.15;
 /// Times that nodes are made finer.
 const ROUNDS: usize = 3;
 
