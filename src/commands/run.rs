@@ -256,7 +256,7 @@ fn print_start(job: &Job, shards: usize) {
     let frame = &job.frame;
     let gpus: Vec<String> = job.queues.iter().map(DeviceQueue::name).collect();
     let (gpus, cache, bytes) = match gpus.is_empty() {
-        true => (String::new(), "spectra cache", job.memory.spectra),
+        true => (String::new(), "spectra cache", job.memory.spectra_in_turn),
         false => (format!(" and {}", gpus.join(", ")), "page-locked memory per GPU", job.memory.pinned),
     };
     log_line(format!(

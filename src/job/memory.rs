@@ -47,6 +47,8 @@ const MIN_CHART_CACHE: usize = 16 << 20;
 /// Memory per byte of decoded chunks in the cache: all threads allocate and free them, and the allocator keeps what it cannot reuse. 199 MiB of
 /// them took 70 MiB more.
 const CHART_CACHE_OVERHEAD: f64 = 1.4;
+/// Spectra of a band and of the first tiles of the next one, over those of the band: more would keep those of bands that are done.
+const NEXT_BAND: f64 = 1.25;
 /// Spectra per worker below which every block would compute its spectra again.
 const MIN_SPECTRA: usize = 24;
 /// PSFs of depth nodes per worker below which every kernel would read its PSF again: two heights of two nodes.
@@ -63,8 +65,10 @@ pub struct Memory {
     pub planned: usize,
     /// Cache of decoded chart chunks.
     pub chart_cache: usize,
-    /// Cache of node spectra.
+    /// Cache of node spectra of all bands.
     pub spectra: usize,
+    /// Cache of node spectra of bands that are computed one after the other: of those of one.
+    pub spectra_in_turn: usize,
     /// Page-locked memory of each GPU queue.
     pub pinned: usize,
     /// Encoded shards at a time.
@@ -149,6 +153,8 @@ struct Demand {
     spectra: (usize, usize),
     /// Spectra that the tiles of a shard use.
     shard_spectra: usize,
+    /// Largest spectra of a band, and [`NEXT_BAND`].
+    band_spectra: usize,
     /// An encoded shard, and how many are useful beyond those of `fixed`.
     encoded: (usize, usize),
 }
@@ -295,10 +301,10 @@ impl MemoryInputs<'_> {
         (with_overhead(min, chunks), with_overhead(useful, chunks))
     }
 
-    /// Cache of spectra: minimum, those that the tiles of the outermost shard use, and those of all nodes of all bands.
-    fn spectra(&self, gpus: &GpuDemand) -> (usize, usize, usize) {
+    /// Cache of spectra: minimum, those that the tiles of the outermost shard use, those of all nodes of a band, and of all bands.
+    fn spectra(&self, gpus: &GpuDemand) -> [usize; 4] {
         if gpus.queues > 0 {
-            return (0, 0, 0);
+            return [0; 4];
         }
         let nodes = |p: &BandPlan| self.spectra_of(p, p.tiling.grown());
         let of_shard = |p: &BandPlan| {
@@ -313,7 +319,9 @@ impl MemoryInputs<'_> {
         // Kernels that are kept need no PSFs any more.
         let kept = SpectrumCache::bytes_to_keep(self.max(BandPlan::kept_bytes));
         let all = |p: &BandPlan| nodes(p) + psfs_on_demand(p);
-        (min, self.max(of_shard).max(min).max(kept), self.bands.iter().map(all).sum())
+        let of_shard = self.max(of_shard).max(min).max(kept);
+        let of_band = (self.max(all) as f64 * NEXT_BAND) as usize;
+        [min, of_shard, of_band.max(of_shard), self.bands.iter().map(all).sum()]
     }
 
     fn demand(&self, gpus: &GpuDemand) -> Demand {
@@ -325,9 +333,19 @@ impl MemoryInputs<'_> {
         let fixed = fixed.saturating_add(workers).saturating_add(decoding).saturating_add(read_ahead);
         let fixed = fixed.saturating_add(self.surface_caches).saturating_add(self.layers());
         let chart_cache = self.chart_cache(chunks, gpus);
-        let (min, shard_spectra, max) = self.spectra(gpus);
+        let [min, shard_spectra, band_spectra, max] = self.spectra(gpus);
         let (spectra, encoded) = ((min, max), self.encoded());
-        Demand { fixed, chart_area, decoding, chunks, chart_cache, spectra, shard_spectra, encoded }
+        Demand {
+            fixed,
+            chart_area,
+            decoding,
+            chunks,
+            chart_cache,
+            spectra,
+            shard_spectra,
+            band_spectra,
+            encoded,
+        }
     }
 
     /// Why `demand` exceeds the limit by `missing` bytes, and the remedy; `min` is the smallest sufficient limit.
@@ -404,13 +422,18 @@ impl Memory {
         let rest = rest - extra * encoded_bytes;
         let chart_cache = demand.chart_cache.1.min(rest - spectra).max(demand.chart_cache.0);
         let spectra = rest - chart_cache;
-        let used =
-            demand.fixed + pinned + extra * encoded_bytes + chart_cache + spectra.min(demand.spectra.1);
+        let spectra_in_turn = spectra.min(demand.band_spectra);
+        let used = demand.fixed
+            + pinned
+            + extra * encoded_bytes
+            + chart_cache
+            + spectra_in_turn.min(demand.spectra.1);
         Ok(Self {
             limit,
             planned: with_slack(used).min(limit),
             chart_cache: without_overhead(chart_cache, demand.chunks),
             spectra,
+            spectra_in_turn,
             pinned: pinned / gpus.queues.max(1),
             encoded_shards: queues::MIN_ENCODED_SHARDS + extra,
             decoders: decoders.min(inputs.threads),

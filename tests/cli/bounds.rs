@@ -404,7 +404,8 @@ fn memory_is_planned_within_the_limit_of_the_address_space() {
     assert!(!ran.stderr.contains("ulimit"), "{}", ran.stderr);
     // A larger one is reported where the job would use it.
     let (large, out) = ("gen:composite?size=14141&wavelengths=400:700:10", place.at("large.zarr"));
-    let words = [&[large, text(&out), "--dry-run", "--memory", "8GiB"], &lens[..]].concat();
+    let words =
+        [&[large, text(&out), "--dry-run", "--memory", "8GiB"], &lens[..2], &["--threads", "64"]].concat();
     let ran = limited(1_500_000, &words).ok();
     assert!(ran.stdout.contains("left of the address space (ulimit -v)"), "{}", ran.stdout);
     // Too little for the job is one error, and nothing is written.

@@ -60,11 +60,8 @@ pub fn execute(
     let sheets = job.depth.as_ref().map_or_else(Vec::new, Depth::sheets);
     let counts = SharedCounts::default();
     let invented = job.film.has_invented.then(|| InventedLight::new(&job.regions));
-    let compute = StageCompute::new(job.frame, job.memory.spectra, &prepare).with_surfaces(SceneInputs {
-        sheets: &sheets,
-        invented: invented.as_ref(),
-        counts: Some(&counts),
-    });
+    let compute = StageCompute::new(job.frame, job.memory.spectra_in_turn, &prepare)
+        .with_surfaces(SceneInputs { sheets: &sheets, invented: invented.as_ref(), counts: Some(&counts) });
     let (film_bands, light) = (&*job.film_bands, Mutex::default());
     let sink = FilmStoreSink { film: &film, film_bands, invented: invented.as_ref(), light };
     let result = run(&work, job.chart.source(), &sink, &compute, &monitor);
