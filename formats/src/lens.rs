@@ -14,6 +14,7 @@
 //! | `azimuth_count` | (B, K) | 1 | azimuths at that height: 1 on axis, else a multiple of 4 |
 //! | `psf/<band index>` | (K, n, n) | 1 | share of the energy per sample, sum 1; n odd |
 //! | `psf_pitch` | (B) | µm | sample pitch of the PSFs |
+//! | `kernel_pitch` | (B) | µm | optional: sample pitch to which the PSFs are low-passed before kernels are made from them, or 0 for the default ([`pipeline::psf::coarse`]) |
 //! | `psf_energy` | (B, K) | 1 | share of the total energy inside the window before normalisation |
 //! | `solid_angle` | (B) | sr | irradiance of the film on the axis over radiance of the object, π·NA² in focus; default π/(4N²), N the F-number |
 //! | `transmission` | (B) | 1 | transmission of the lens; default 1 |

@@ -71,7 +71,7 @@ impl LensBands {
 /// # let heights = vec![0.0, 1.0];
 /// # let band = LensBand {
 /// #     wavelength_nm: 550.0, ideal_height_mm: heights.clone(), image_height_mm: heights.clone(), relative_illumination: vec![1.0, 0.9],
-/// #     psf_height_mm: heights, azimuth_count: vec![1, 4], psf_size: 9, psf_pitch_um: 2.0, psf_energy: vec![1.0, 1.0],
+/// #     psf_height_mm: heights, azimuth_count: vec![1, 4], psf_size: 9, psf_pitch_um: 2.0, kernel_pitch_um: None, psf_energy: vec![1.0, 1.0],
 /// #     solid_angle_sr: 0.1, transmission: 1.0,
 /// #     tail: None, cones: None, planar: None,
 /// # };
@@ -157,7 +157,7 @@ impl BandPlan {
         }
         let psfs = (tables.psf_count(), tables.psf_size, tables.psf_pitch_um);
         let samples = match tables.is_symmetric() {
-            true => KernelSamples::of(psfs, frame.pitch_um, lens.psf_sample),
+            true => KernelSamples::of(psfs, frame.pitch_um, lens.psf_sample, tables.kernel_pitch_um),
             false => KernelSamples::all(psfs.1, psfs.2, frame.pitch_um),
         };
         let tiling = Tiling::new(frame.film, blocks.as_ref());
@@ -457,6 +457,7 @@ fn tables(
         azimuth_count: first.azimuth_count.clone(),
         psf_size: first.psf_size.max(second.psf_size),
         psf_pitch_um: first.psf_pitch_um,
+        kernel_pitch_um: first.kernel_pitch_um.zip(second.kernel_pitch_um).map(|(a, b)| a.min(b)),
         psf_energy: mix_all(&first.psf_energy, &second.psf_energy),
         solid_angle_sr: mix(first.solid_angle_sr, second.solid_angle_sr),
         transmission: mix(first.transmission, second.transmission),

@@ -40,7 +40,7 @@ pub enum PsfSample {
 /// # let heights = vec![0.0, 1.0];
 /// # let band = LensBand {
 /// #     wavelength_nm: 550.0, ideal_height_mm: heights.clone(), image_height_mm: heights.clone(), relative_illumination: vec![1.0, 0.9],
-/// #     psf_height_mm: heights, azimuth_count: vec![1, 4], psf_size: 9, psf_pitch_um: 2.0, psf_energy: vec![1.0, 1.0],
+/// #     psf_height_mm: heights, azimuth_count: vec![1, 4], psf_size: 9, psf_pitch_um: 2.0, kernel_pitch_um: None, psf_energy: vec![1.0, 1.0],
 /// #     solid_angle_sr: 0.1, transmission: 1.0,
 /// #     tail: None, cones: None, planar: None,
 /// # };
@@ -121,6 +121,8 @@ pub struct LensBand {
     pub psf_size: usize,
     /// Sample pitch in µm.
     pub psf_pitch_um: f64,
+    /// Pitch in µm of the samples that films make kernels from ([`crate::psf::coarse`]), if the band states one: a part of the pitch of its pixels.
+    pub kernel_pitch_um: Option<f64>,
     /// Share of all the light that the window held before normalisation, per height.
     pub psf_energy: Vec<f64>,
     /// Irradiance of the film on the axis over radiance of the object, sr: π·NA² of a lens in focus.
@@ -302,6 +304,7 @@ impl LensBand {
             azimuth_count: vec![1, 4],
             psf_size: 1,
             psf_pitch_um: 2.0,
+            kernel_pitch_um: None,
             psf_energy: vec![1.0; 2],
             solid_angle_sr: 0.1,
             transmission: 1.0,

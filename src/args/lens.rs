@@ -341,7 +341,7 @@ pub struct TraceArgs {
     #[command(flatten)]
     pub ghosts: GhostArgs,
     /// Maximum error of a kernel between nodes: L1 at film pixels, and five times the error of an edge in a film; a band that misses one that is given is an error [default: 0.01, and 0.02 where that takes
-    /// more than a quarter of --max-nodes]
+    /// more than a sixth of --max-nodes]
     #[arg(long, value_parser = positive)]
     pub psf_tolerance: Option<f64>,
     /// Maximum number of PSF nodes (heights times azimuths) of a band: beyond it the error grows above that of --psf-tolerance, and is printed

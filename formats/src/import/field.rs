@@ -113,6 +113,7 @@ pub fn open(path: &Path) -> Result<ImportedField, ImportError> {
         azimuth_count: Vec::new(),
         psf_size: windows.side(b),
         psf_pitch_um: description.psf.pitch_um,
+        kernel_pitch_um: None,
         psf_energy: vec![1.0; places.count()],
         solid_angle_sr: PI / (4.0 * f_number * f_number),
         transmission: 1.0,

@@ -318,6 +318,7 @@ fn dense_tables(
         azimuth_count: (0..k).map(|i| if i == 0 { 1 } else { options.azimuths }).collect(),
         psf_size: 1,
         psf_pitch_um: 1.0,
+        kernel_pitch_um: None,
         psf_energy: energy,
         solid_angle_sr,
         transmission: 1.0,

@@ -16,8 +16,8 @@ use std::sync::Arc;
 use zarrs::array::Array;
 use zarrs::metadata::ArrayMetadata;
 
-/// Maximum number of samples of an array (1 GiB of f32); a traced band has 15 million.
-pub const MAX_SAMPLES: u64 = 1 << 28;
+/// Maximum number of samples of an array (2 GiB of f32); a traced band has 15 million, one of a fast lens 400.
+pub const MAX_SAMPLES: u64 = 1 << 29;
 /// Maximum number of chunks of an array.
 const MAX_CHUNKS: u64 = 1 << 18;
 /// Maximum compression ratio of the codecs: zstd stores a run of 128 KiB in 4 bytes.

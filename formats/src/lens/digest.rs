@@ -3,6 +3,7 @@
 //! ```text
 //! a line of text, then f64: focal lengths, F-number, primary wavelength, object distance (NaN = infinity), magnification; u64: sample, B
 //! per band: f64 wavelength; u64 M, K, n; f64 tables; u64 azimuths; f64 energies, pitch, solid angle, transmission; f32 PSFs
+//!   after the transmission, of a band that states a kernel pitch: a line of text, f64
 //! ```
 //! With depth nodes: of each band its head and tables, then per node vergence, tables and PSFs; of the lens the digests of its bands.
 //! Values are hashed as the pipeline uses them (PSFs in f32, normalised), so the digest does not depend on their storage. Pupil functions in place
@@ -252,6 +253,10 @@ fn add_tables(h: &mut blake3::Hasher, band: &LensBand) {
     add_counts(h, &band.azimuth_count);
     add_f64(h, &band.psf_energy);
     add_f64(h, &[band.psf_pitch_um, band.solid_angle_sr, band.transmission]);
+    if let Some(pitch_um) = band.kernel_pitch_um {
+        h.update(b"kernel pitch\n");
+        add_f64(h, &[pitch_um]);
+    }
 }
 
 /// The tables of a band without rotational symmetry after its wavelength.

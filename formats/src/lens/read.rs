@@ -69,6 +69,7 @@ pub(super) fn tables(store: &PackStore, notes: &mut Vec<String>) -> Result<Table
         notes.push("transmission is missing: default 1".into());
         1.0
     })?;
+    let kernel_pitch = tables.per_band_or("kernel_pitch", || 0.0)?;
     let sample = head.sample()?;
     let extras = head.extras()?;
     let mut cones = match extras.has_cones {
@@ -90,6 +91,7 @@ pub(super) fn tables(store: &PackStore, notes: &mut Vec<String>) -> Result<Table
             azimuth_count: Vec::new(),
             psf_size: 1,
             psf_pitch_um: 1.0,
+            kernel_pitch_um: Some(kernel_pitch[b]).filter(|pitch_um| *pitch_um != 0.0),
             psf_energy: Vec::new(),
             solid_angle_sr: solid_angle[b],
             transmission: transmission[b],

@@ -149,14 +149,13 @@ impl LensPackWriter {
             }
         }
         self.record(&name, (band, node), (n, stack.pitch_um, heights, stack.sample))?;
-        let bytes = stack.samples.iter().flat_map(|v| v.to_ne_bytes()).collect::<Vec<u8>>();
-        let shape = [heights, n, n];
+        let (bytes, shape) = (bytemuck::cast_slice(&stack.samples), [heights, n, n]);
         match self.is_planar {
-            false => self.array(&name, "float32", &shape, "1", &["psf_height", "row", "column"], &bytes),
+            false => self.array(&name, "float32", &shape, "1", &["psf_height", "row", "column"], bytes),
             true => {
                 let chunk = [planar::windows_in_chunk(heights, n), n, n];
                 let about = ("1", &["psf", "row", "column"][..]);
-                self.chunked_array((&name, "float32"), (&shape, &chunk), about, &bytes)
+                self.chunked_array((&name, "float32"), (&shape, &chunk), about, bytes)
             }
         }
     }
@@ -246,6 +245,9 @@ impl LensPackWriter {
         self.table("psf_height", "mm", "psf_height", bands, |b| &b.psf_height_mm)?;
         self.table("psf_energy", "1", "psf_height", bands, |b| &b.psf_energy)?;
         self.column("psf_pitch", "um", bands, |b| b.psf_pitch_um)?;
+        if bands.iter().any(|b| b.kernel_pitch_um.is_some()) {
+            self.column("kernel_pitch", "um", bands, |b| b.kernel_pitch_um.unwrap_or(0.0))?;
+        }
         self.counts("azimuth_count", bands, |b| &b.azimuth_count)
     }
 

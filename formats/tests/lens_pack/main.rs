@@ -31,6 +31,7 @@ fn small_lens() -> Lens {
         azimuth_count: (0..k).map(|i| if i == 0 { 1 } else { 8 * i }).collect(),
         psf_size: n,
         psf_pitch_um: 0.5 + n as f64 / 8.0,
+        kernel_pitch_um: None,
         psf_energy: (0..k).map(|i| 0.99 - 0.01 * i as f64).collect(),
         solid_angle_sr: 0.088,
         transmission: 0.9,

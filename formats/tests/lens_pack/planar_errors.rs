@@ -199,8 +199,8 @@ fn more_psfs_than_the_bound_are_an_error_before_they_are_read() {
     assert!(e.contains("expected [2, 4 to 1025 nodes]"), "{e}");
     let e = huge("psf/0", json!([1u64 << 20, 5, 5]));
     assert!(e.contains("expected [6, n, n] with n odd"), "{e}");
-    let e = huge("psf/0", json!([6, 9001, 9001]));
-    assert!(e.contains("more than 268435456 samples"), "{e}");
+    let e = huge("psf/0", json!([6, 9501, 9501]));
+    assert!(e.contains("more than 536870912 samples"), "{e}");
     let e = huge("psf_y", json!([2, 1 << 24]));
     assert!(e.contains("more than 1 to 4194304 numbers"), "{e}");
 }

@@ -49,6 +49,31 @@ fn digest_changes_with_every_number_but_not_with_the_name() {
     assert_eq!(digest("3.zip", &renamed, &|_| {}), plain);
 }
 
+#[test]
+fn pitch_of_the_samples_of_kernels_is_kept_and_belongs_to_the_digest() {
+    let tmp = tempfile::tempdir().unwrap();
+    let plain = tmp.path().join("plain.lens.zarr");
+    write_small(&plain);
+    let mut lens = small_lens();
+    lens.bands[1].kernel_pitch_um = Some(1.0);
+    let path = tmp.path().join("stated.lens.zarr");
+    let stacks = (0..2).map(|b| Ok::<_, LensPackError>(small_psf(&lens, b)));
+    write(&path, &lens, &small_attributes(), stacks).unwrap();
+    let pack = LensPack::open(&path).unwrap();
+    assert_eq!(pack.lens(), &lens);
+    assert!(pack.notes().is_empty());
+    let plain_pack = LensPack::open(&plain).unwrap();
+    assert!(!plain.join("kernel_pitch").exists());
+    assert_ne!(pack.digest().unwrap(), plain_pack.digest().unwrap());
+    assert_eq!(pack.band_digest(0).unwrap(), plain_pack.band_digest(0).unwrap());
+    for invalid in [-1.0, 1e9] {
+        lens.bands[1].kernel_pitch_um = Some(invalid);
+        let stacks = (0..2).map(|b| Ok::<_, LensPackError>(small_psf(&lens, b)));
+        let e = write(tmp.path().join("invalid.lens.zarr"), &lens, &small_attributes(), stacks).unwrap_err();
+        assert!(e.to_string().contains("kernel_pitch"), "{e}");
+    }
+}
+
 /// Digests of packs with rotational symmetry, from the program before it had others.
 #[test]
 fn digests_of_lenses_with_symmetry_equal_the_recorded_ones() {

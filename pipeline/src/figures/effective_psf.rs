@@ -115,6 +115,7 @@ mod tests {
             azimuth_count: vec![1, 4],
             psf_size: n,
             psf_pitch_um: pitch_um,
+            kernel_pitch_um: None,
             psf_energy: vec![0.9; 2],
             ..LensBand::ideal(550.0, vec![0.0, 1.0])
         };

@@ -57,6 +57,9 @@ impl LensBand {
         }
         checks.one("psf", bounds::PSF_SIDE, self.psf_size as f64)?;
         checks.one("psf_pitch", bounds::PITCH_UM, self.psf_pitch_um)?;
+        if let Some(pitch_um) = self.kernel_pitch_um {
+            checks.one("kernel_pitch", bounds::PITCH_UM, pitch_um)?;
+        }
         checks.all("psf_energy", bounds::PSF_ENERGY, &self.psf_energy)?;
         checks.one("solid_angle", bounds::SOLID_ANGLE_SR, self.solid_angle_sr)?;
         checks.one("transmission", bounds::TRANSMISSION, self.transmission)?;

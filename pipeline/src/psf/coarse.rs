@@ -4,10 +4,12 @@
 //! pixel (Nyquist). A kernel integrates over pixels of pitch p, which passes at most 0.22 of what lies above 1/p. Its samples are
 //! therefore low-passed, along x and along y:
 //! ```text
-//! c_i = Σ_j h((x_i − x_j)/q) v_j,     q = p/4 or p/3,     h(u) = sinc(u)·K(u/8),     Σ_i h = 1
+//! c_i = Σ_j h((x_i − x_j)/q) v_j,     q = p/4, p/3 or as the band states,     h(u) = sinc(u)·K(u/8),     Σ_i h = 1
 //! ```
 //! v_j are shares of the light per sample, c_i those per coarse sample, K is a Kaiser window of shape 8. Lost are frequencies above 1/(2q). Of samples up to
 //! four a pixel p/3 loses little, as the cutoff of the lens is then at most 1.8/p; they are reduced only where all PSFs together are large.
+//! A band of many PSFs may state a larger q, whose loss was measured when it was traced ([`LensBand::kernel_pitch_um`](crate::lens::LensBand)): fringes of a PSF far
+//! out of focus are wide.
 //! L1 difference of kernels, worst of five PSFs of each of the built-in fast lenses: 0.03 to 0.6 % at 400 nm, up to 0.5 % at 550 nm (`scripts/bench/2026-11-29-nodes`).
 
 use crate::lens::{PsfSample, PsfStack};
@@ -24,6 +26,10 @@ const PER_PIXEL: (f64, f64) = (4.0, 3.0);
 const FINE: (f64, f64) = (4.5, 3.5);
 /// Samples of all PSFs of a band above which others are reduced.
 const LARGE: usize = 3 << 23;
+/// Samples a film pixel of a band that has even more samples, each with the samples a pixel of PSFs above which they are coarser.
+const FEWER: [(f64, f64); 3] = [(3.0, 4.5), (2.0, 2.5), (1.5, 1.75)];
+/// Least samples a film pixel that a band may state, of films of its pixels; on smaller pixels they are not those that were measured.
+const LEAST: f64 = 1.49;
 /// Windows from which on PSFs are reduced, film pixels: kernels of smaller ones take little time.
 const WIDE_PX: usize = 101;
 /// Half-width of h, coarse samples, and the shape of its Kaiser window.
@@ -37,7 +43,8 @@ pub struct KernelSamples {
     pub size: usize,
     /// Pitch, µm.
     pub pitch_um: f64,
-    film_pitch_um: f64,
+    /// Pitch of the film, µm.
+    pub film_pitch_um: f64,
 }
 
 impl KernelSamples {
@@ -46,23 +53,61 @@ impl KernelSamples {
         Self { size, pitch_um, film_pitch_um }
     }
 
-    /// Those of `count` PSFs with `size` samples a side of `pitch_um`, on a film of `film_pitch_um`: coarse if they are wide and finely sampled.
-    pub fn of((count, size, pitch_um): (usize, usize, f64), film_pitch_um: f64, sample: PsfSample) -> Self {
+    /// Those of `count` PSFs with `size` samples a side of `pitch_um`, on a film of `film_pitch_um`: at the pitch `stated_um` of the band if it states one, else coarse
+    /// if they are wide and finely sampled.
+    pub fn of(
+        (count, size, pitch_um): (usize, usize, f64),
+        film_pitch_um: f64,
+        sample: PsfSample,
+        stated_um: Option<f64>,
+    ) -> Self {
         let all = Self::all(size, pitch_um, film_pitch_um);
-        let per_pixel = film_pitch_um / pitch_um;
-        if sample != PsfSample::Point || film_window(size, pitch_um, film_pitch_um, sample) < WIDE_PX {
+        if sample != PsfSample::Point {
             return all;
         }
-        if per_pixel > FINE.0 {
-            return all.coarse(PER_PIXEL.0);
+        match stated_um.map(|pitch_um| film_pitch_um / pitch_um) {
+            Some(per_pixel) if (LEAST..all.per_pixel()).contains(&per_pixel) => all.coarse(per_pixel),
+            _ => all.by_default(count),
         }
-        let is_large = count * size * size > LARGE;
-        if per_pixel > FINE.1 && is_large { all.coarse(PER_PIXEL.1) } else { all }
+    }
+
+    /// Those of point samples of `count` PSFs with all of these, of a band that states none.
+    fn by_default(self, count: usize) -> Self {
+        let per_pixel = self.per_pixel();
+        if self.window() < WIDE_PX {
+            return self;
+        }
+        if per_pixel > FINE.0 {
+            return self.coarse(PER_PIXEL.0);
+        }
+        let is_large = count * self.size.pow(2) > LARGE;
+        if per_pixel > FINE.1 && is_large { self.coarse(PER_PIXEL.1) } else { self }
+    }
+
+    /// Those of many PSFs with all of these, point samples, by default, and fewer ones that a band may state.
+    pub fn steps(self) -> Vec<Self> {
+        let first = self.by_default(usize::MAX / self.size.pow(2));
+        if self.window() < WIDE_PX {
+            return vec![first];
+        }
+        let is_fewer = |(to, above): &&(f64, f64)| self.per_pixel() > *above && *to < first.per_pixel();
+        let fewer = FEWER.iter().filter(is_fewer).map(|(to, _)| self.coarse(*to));
+        std::iter::once(first).chain(fewer).collect()
+    }
+
+    /// Samples a film pixel, along one direction.
+    pub fn per_pixel(&self) -> f64 {
+        self.film_pitch_um / self.pitch_um
+    }
+
+    /// Window of kernels of point samples, film pixels.
+    pub fn window(&self) -> usize {
+        film_window(self.size, self.pitch_um, self.film_pitch_um, PsfSample::Point)
     }
 
     /// Samples at `per_pixel` a film pixel in the window of these.
     fn coarse(self, per_pixel: f64) -> Self {
-        let window = film_window(self.size, self.pitch_um, self.film_pitch_um, PsfSample::Point);
+        let window = self.window();
         // The largest odd number within the window.
         let size = 2 * ((per_pixel * window as f64 - 1.0) / 2.0) as usize + 1;
         Self { size, pitch_um: self.film_pitch_um / per_pixel, ..self }
@@ -194,8 +239,8 @@ mod tests {
     #[test]
     fn wide_finely_sampled_psfs_alone_are_reduced() {
         let of = |count, n, pitch_um, sample| {
-            let samples = KernelSamples::of((count, n, pitch_um), 2.0, sample);
-            (samples.size, 2.0 / samples.pitch_um)
+            let samples = KernelSamples::of((count, n, pitch_um), 2.0, sample, None);
+            (samples.size, samples.per_pixel())
         };
         assert_eq!(of(1, 1025, 1.0 / 3.0, PsfSample::Point), (683, 4.0), "171 pixels");
         assert_eq!(of(33, 755, 0.5, PsfSample::Point), (755, 4.0), "four a pixel");
@@ -205,12 +250,30 @@ mod tests {
     }
 
     #[test]
+    fn a_band_states_the_pitch_of_fewer_samples_for_films_of_its_pixels_and_of_larger_ones() {
+        let of = |film_pitch_um, stated_um| {
+            let psfs = (99, 1133, 1.0 / 3.0);
+            let samples = KernelSamples::of(psfs, film_pitch_um, PsfSample::Point, Some(stated_um));
+            (samples.size, samples.per_pixel())
+        };
+        assert_eq!(of(2.0, 1.0), (377, 2.0), "189 pixels");
+        assert_eq!(of(4.0, 1.0), (379, 4.0), "95 pixels");
+        assert_eq!(of(1.25, 1.0).1, 3.0, "smaller pixels");
+        assert_eq!(of(2.0, 0.25).1, 4.0, "more than there are");
+        let steps = |n: usize, pitch_um| -> Vec<f64> {
+            KernelSamples::all(n, pitch_um, 2.0).steps().iter().map(KernelSamples::per_pixel).collect()
+        };
+        let all = [steps(1133, 1.0 / 3.0), steps(755, 0.5), steps(567, 2.0 / 3.0), steps(401, 1.0 / 3.0)];
+        assert_eq!(all, [vec![4.0, 3.0, 2.0, 1.5], vec![3.0, 2.0, 1.5], vec![3.0, 2.0, 1.5], vec![6.0]]);
+    }
+
+    #[test]
     fn kernels_of_coarse_samples_are_those_of_the_fine_ones() {
         let (n, pitch_um) = (607, 1.0 / 3.0);
         // Coarse samples resolve periods from 1.14 µm on; in a kernel fringes of 1 µm are at most 0.01 × 0.9 of their light.
         for (period_um, limit) in [(1.0, 0.02), (1.5, 3e-3), (6.0, 1e-4)] {
             let fine = fringes(n, pitch_um, period_um);
-            let samples = KernelSamples::of((1, n, pitch_um), 2.0, PsfSample::Point);
+            let samples = KernelSamples::of((1, n, pitch_um), 2.0, PsfSample::Point, None);
             let reduction = samples.reduction(n, pitch_um);
             let coarse = reduction.reduced(&fine, 2);
             assert!(coarse.size == samples.size && coarse == reduction.reduced(&fine, 1));

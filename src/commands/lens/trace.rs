@@ -44,6 +44,8 @@ const SAMPLE_HEIGHT_MM: f64 = 20.5;
 const LONG_S: f64 = 10.0;
 /// Maximum of the PSFs of a pack by default, MB uncompressed; above it the pack has pupil functions.
 const MAX_PSF_MB: f64 = 1000.0;
+/// Maximum of the PSFs of a band, which are in memory at a time, likewise.
+const MAX_BAND_MB: f64 = 300.0;
 
 /// Runs the command.
 pub fn command(args: &TraceArgs) -> Result<()> {
@@ -86,10 +88,11 @@ pub fn command(args: &TraceArgs) -> Result<()> {
         return depth::trace(args, &system, &options, &depth, start);
     }
     let ghosts = ghosts::asked(args, &options)?;
-    let Needed { seconds, psf_mb, text } =
+    let Needed { seconds, psf_mb, band_mb, text } =
         estimate(&system, &options).with_context(|| format!("tracing {}", args.design))?;
     log_needed(seconds, text);
-    let stored = sealed::stored(args, default_store(psf_mb));
+    let by_default = if band_mb > MAX_BAND_MB { Store::Pupils } else { default_store(psf_mb) };
+    let stored = sealed::stored(args, by_default);
     if args.store.is_none() && stored == Store::Pupils {
         log_line(pupils_note(psf_mb));
     }

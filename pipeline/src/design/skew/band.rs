@@ -120,6 +120,7 @@ impl Band {
             azimuth_count,
             psf_size: grid.size(),
             psf_pitch_um: grid.pitch_um(),
+            kernel_pitch_um: None,
             psf_energy,
             solid_angle_sr: self.map.solid_angle_sr,
             transmission: 1.0,

@@ -3,7 +3,7 @@
 use rayon::prelude::*;
 
 use super::options::{Azimuths, PsfHeights};
-use super::refine::{max_heights, max_psfs};
+use super::refine::max_psfs;
 use super::sampled::pitch_below;
 #[cfg(doc)]
 use super::shared_nodes::node_wavelengths;
@@ -71,7 +71,7 @@ impl LensTrace<'_> {
             (PsfHeights::Given(h), Azimuths::Given(_)) => (0, 4 * side * side * h.len()),
             (PsfHeights::Given(h), _) => (limited.max(3 * h.len()), 4 * side * side * h.len()),
             (PsfHeights::ByError, _) => {
-                let heights = max_heights(options, (side, self.film_side(side, spline_pitch_um)));
+                let heights = self.film_samples(side, spline_pitch_um).most(options);
                 (limited, 4 * side * side * heights.min(options.max_nodes))
             }
         };

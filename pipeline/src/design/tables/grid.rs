@@ -7,7 +7,7 @@
 //! heights, place nodes accordingly, then compare the kernel at the centre of every cell (half-way in r, and half-way in θ on both
 //! heights: the worst place) with the one traced there; split or refine the cells above the tolerance. The maximum error at
 //! cell centres is recorded as the bound. Of many cells a part is measured: errors change slowly with height, and are linear between the measured cells.
-//! Budget: if the tolerances need more than a quarter of `max_nodes` nodes, or more samples or PSFs than go with them ([`super::refine`]), spacings grow by a common
+//! Budget: if the tolerances need more than a sixth of `max_nodes` nodes, or more samples or PSFs than go with them ([`super::refine`]), spacings grow by a common
 //! factor until they fit, which keeps the error equal over the field and so its maximum minimal. The factor is at most [`TraceOptions::excess`], unless that needs
 //! more than `max_nodes`; edges keep their tolerance up to it, and yield first where no further nodes are allowed (lenses as built and others of many PSFs). Then
 //! the cells of the largest errors are refined as far as the budget allows. Where samples or PSFs limit the heights, azimuths, which need neither, keep up to a
@@ -21,13 +21,12 @@ use std::f64::consts::PI;
 use rayon::prelude::*;
 
 use super::difference::{Difference, ESF_SHARE};
+use super::film_samples::{FilmSamples, Steps};
 use super::kernels::{Compared, Kernels, mean};
 use super::options::{Azimuths, PsfHeights, TraceOptions};
+use super::placement::Placement;
 use super::probing::{COMPARED, LEAST_ERROR, azimuths_needed, between, evenly, spacing_allowed};
-use super::refine::{
-    Budget, CellError, MIN_PSFS, NodeError, Refinement, max_heights, max_psfs, round_azimuths, summary,
-};
-use super::relaxation::{Relaxation, relaxed_esf};
+use super::refine::{ALL, CellError, MIN_PSFS, NodeError, Refinement, max_psfs, summary};
 use crate::design::prescription::error::DesignError;
 use crate::design::pupil::pupils::Pupils;
 
@@ -41,6 +40,8 @@ const MAX_ROUNDS: usize = 6;
 
 /// Cells from which on a part of them is measured, about so many at a time.
 const MEASURED_CELLS: usize = 24;
+/// Kernels of a check of so many cells.
+const CHECKED: usize = 5 * MEASURED_CELLS;
 
 /// Cells that are measured before nodes of another wavelength are taken.
 const ADOPTED_CELLS: usize = 4;
@@ -60,6 +61,8 @@ pub(crate) struct Chosen {
     inner_cells: Option<Vec<Difference>>,
     /// Heights that the samples of PSFs allow, if they are chosen.
     allowed_heights: Option<usize>,
+    /// Samples a film pixel that films make kernels from, if they are fewer than by default.
+    pub(crate) stated_per_pixel: Option<f64>,
 }
 
 impl Chosen {
@@ -70,25 +73,27 @@ impl Chosen {
     }
 }
 
-/// Chooses heights from 0 to `last_mm` and their azimuth counts, for PSFs of `sides`: samples a side, and of those that films use.
+/// Chooses heights from 0 to `last_mm` and their azimuth counts, for PSFs of which films have some `samples`.
 pub(super) fn choose(
     compared: &mut Compared<'_>,
     pupils: &mut Pupils<'_>,
     options: &TraceOptions,
-    (last_mm, sides): (f64, (usize, usize)),
+    (last_mm, samples): (f64, &FilmSamples),
     report: &mut dyn FnMut(&'static str, usize),
 ) -> Result<Chosen, DesignError> {
     let given = match &options.heights {
         PsfHeights::Given(h) => Some(h.clone()),
         PsfHeights::ByError => None,
     };
-    let with_axis = |heights: Vec<f64>, azimuths: Vec<usize>, error, (cells, inner_cells)| {
-        let azimuths = azimuths.into_iter().enumerate().map(|(k, j)| if k == 0 { 1 } else { j }).collect();
-        let allowed_heights = given.is_none().then(|| max_heights(options, sides));
-        Chosen { heights, azimuths, error, cells, inner_cells, allowed_heights }
-    };
+    let with_axis =
+        |heights: Vec<f64>, azimuths: Vec<usize>, error, (cells, inner_cells), stated_per_pixel| {
+            let azimuths =
+                azimuths.into_iter().enumerate().map(|(k, j)| if k == 0 { 1 } else { j }).collect();
+            let allowed_heights = given.is_none().then(|| samples.most(options));
+            Chosen { heights, azimuths, error, cells, inner_cells, allowed_heights, stated_per_pixel }
+        };
     if let (Some(heights), Azimuths::Given(j)) = (&given, options.azimuths) {
-        return Ok(with_axis(heights.clone(), vec![j; heights.len()], None, (Vec::new(), None)));
+        return Ok(with_axis(heights.clone(), vec![j; heights.len()], None, (Vec::new(), None), None));
     }
     let tolerance = GRID_SHARE * options.psf_tolerance;
     let part = 0.5 * tolerance;
@@ -98,7 +103,7 @@ pub(super) fn choose(
     let probe_count = PROBES.iter().find(allows).map_or(3, |(probes, _)| *probes);
     let probes: Vec<f64> = (1..=probe_count).map(|i| last_mm * i as f64 / probe_count as f64).collect();
     report("probing", 0);
-    let azimuth_need = match options.azimuths {
+    let azimuths = match options.azimuths {
         Azimuths::Given(j) => [vec![j as f64; probe_count], vec![0.0; probe_count]],
         Azimuths::ByError => azimuths_needed((kernels, some.as_mut()), pupils, &probes, part, report)?,
     };
@@ -107,54 +112,17 @@ pub(super) fn choose(
         None => Some(spacing_allowed((kernels, some.as_mut()), pupils, &probes, part, report)?),
     };
     let left = max_psfs.saturating_sub(kernels.len()).max(MIN_PSFS / 2);
-    let (free_heights, free_azimuths) = (given.is_none(), options.azimuths == Azimuths::ByError);
-    // A check of K heights traces about 3 K PSFs, the result K.
-    let most_heights = max_heights(options, sides).min(left / 4).max(3);
-    let budget = Budget { nodes: options.max_nodes, heights: most_heights };
-    let base = Budget { nodes: options.base_nodes(), heights: most_heights };
-    let heights_at = |radial: f64, kept_up_to: f64| match (&given, &spacing) {
-        (None, Some([l1, esf])) => {
-            let factors = [radial, relaxed_esf(radial, kept_up_to)].map(f64::sqrt);
-            let spacing = l1.iter().zip(esf).map(|(l1, esf)| (factors[0] * l1).min(factors[1] * esf));
-            place(&probes, &spacing.collect::<Vec<f64>>(), last_mm)
-        }
-        _ => given.clone().unwrap_or_default(),
-    };
-    let count_at = |angular: f64, kept_up_to: f64| {
-        let of_esf = relaxed_esf(angular, kept_up_to);
-        let factors = if free_azimuths { [angular, of_esf].map(f64::sqrt) } else { [1.0; 2] };
-        let [l1, esf] = &azimuth_need;
-        let need: Vec<f64> =
-            l1.iter().zip(esf).map(|(l1, esf)| (l1 / factors[0]).max(esf / factors[1])).collect();
-        let probes = &probes;
-        move |h: f64| round_azimuths(between(probes, &need, h))
-    };
-    let least = |from: f64, budget: &Budget, kept_up_to: f64| {
-        Relaxation::least(from, |radial, angular| {
-            let heights = heights_at(radial, kept_up_to);
-            let azimuths: Vec<usize> = heights.iter().map(|h| count_at(angular, kept_up_to)(*h)).collect();
-            budget.fits(&heights, &azimuths, free_heights)
-        })
-    };
-    // Where further nodes are allowed, edges keep their tolerance up to the excess that is allowed for the L1; else they yield before it does.
-    let has_further = base.nodes < budget.nodes;
-    let mut kept_up_to = if has_further { options.excess } else { 1.0 };
-    let mut of_base = least(1.0, &base, kept_up_to);
-    if !has_further && of_base.mean() > 1.0 {
-        kept_up_to = 0.0;
-        of_base = least(1.0, &base, kept_up_to);
-    }
-    let (relaxed, budget) = match of_base.mean() <= options.excess || !has_further {
-        true => (of_base, base),
-        false => (least(options.excess, &budget, kept_up_to), budget),
-    };
-    let (mut heights, count) =
-        (heights_at(relaxed.radial, kept_up_to), count_at(relaxed.angular, kept_up_to));
+    let placement = Placement { options, last_mm, probes, azimuths, spacing };
+    // A check of K heights traces about 3 K PSFs, or a part of them, the result K.
+    let of_checks = if left >= CHECKED { usize::MAX } else { left / 4 };
+    let mut steps = Steps::new(samples, last_mm, options, of_checks);
+    let relaxed = steps.least_error(&placement, tolerance, pupils, report)?;
+    let mut budget = relaxed.budget;
+    let (free_heights, free_azimuths) = (placement.has_free_heights(), placement.has_free_azimuths());
+    let (mut heights, count) = (placement.heights(&relaxed), placement.count(&relaxed));
     let mut azimuths: Vec<usize> = heights.iter().map(|h| count(*h)).collect();
-    let mut limited = relaxed.radial > options.excess;
-    let goal = tolerance * relaxed.mean();
-    let of_esf = [relaxed.radial, relaxed.angular].map(|factor| relaxed_esf(factor, kept_up_to));
-    let l1_over_esf = relaxed.mean() / (0.5 * (of_esf[0] + of_esf[1]));
+    let mut limited = relaxed.by.radial > options.excess;
+    let (goal, l1_over_esf) = (tolerance * relaxed.by.mean(), relaxed.l1_over_esf());
     kernels.clear();
     if let Some(kernels) = some {
         kernels.clear();
@@ -191,8 +159,16 @@ pub(super) fn choose(
             if refined.0 == heights && refined.1 == azimuths {
                 break None;
             }
-            if budget.holds(&refined.0, &refined.1, free_heights) {
+            let fit = budget.fits(&refined.0, &refined.1, free_heights);
+            if fit == ALL {
                 break Some(refined);
+            }
+            if !fit.heights
+                && worst > options.excess * options.psf_tolerance
+                && let Some(more) = steps.further(worst - goal, pupils, report)?
+            {
+                budget.heights = more;
+                continue;
             }
             limited = true;
             threshold = (1.1 * threshold).max(threshold + 0.02 * worst);
@@ -209,7 +185,8 @@ pub(super) fn choose(
         };
         cells.iter().enumerate().map(inner).collect()
     });
-    Ok(with_axis(heights, azimuths, Some(error), (cells, inner_cells)))
+    let stated = steps.stated(heights.len());
+    Ok(with_axis(heights, azimuths, Some(error), (cells, inner_cells), stated))
 }
 
 /// The nodes `other` of a neighbouring wavelength with their error here, estimated from a few cells; none if it exceeds the tolerance and the
@@ -370,31 +347,6 @@ fn ratio_of_largest(some: &[Difference], others: &[Difference]) -> f64 {
     largest(some) / largest(others)
 }
 
-/// Heights from 0 to `last` whose spacing follows `spacing` at `probes`.
-fn place(probes: &[f64], spacing: &[f64], last: f64) -> Vec<f64> {
-    // Integral of cells per mm; then the heights that divide it into equal parts.
-    let fine = 4000;
-    let step = last / f64::from(fine);
-    let mut sums = vec![0.0];
-    for i in 0..fine {
-        let r = (f64::from(i) + 0.5) * step;
-        sums.push(sums[i as usize] + step / between(probes, spacing, r));
-    }
-    let total = sums[fine as usize];
-    let cells = (total * 1.02).ceil().max(2.0);
-    let mut heights = vec![0.0];
-    let mut at = 0;
-    for k in 1..cells as usize {
-        let target = total * k as f64 / cells;
-        while sums[at + 1] < target {
-            at += 1;
-        }
-        heights.push(step * (at as f64 + (target - sums[at]) / (sums[at + 1] - sums[at])));
-    }
-    heights.push(last);
-    heights
-}
-
 #[cfg(test)]
 mod tests {
     use super::*;
@@ -434,6 +386,7 @@ mod tests {
             cells: vec![Difference { l1: worst, esf: 0.0 }],
             inner_cells: None,
             allowed_heights,
+            stated_per_pixel: None,
         };
         assert!(nodes(0.03, Some(65)).is_limited_beside(88, &options));
         assert!(!nodes(0.03, Some(65)).is_limited_beside(80, &options), "hardly more heights");

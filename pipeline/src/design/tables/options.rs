@@ -21,9 +21,9 @@ pub enum Azimuths {
 }
 
 /// Default maximum of nodes of a band.
-pub const MAX_NODES: usize = 32_000;
+pub const MAX_NODES: usize = 48_000;
 /// Nodes of a band, at that default, up to which errors are those of the tolerance: twice as many as a Double Gauss needs.
-pub(super) const BASE_NODES: usize = MAX_NODES / 4;
+pub(super) const BASE_NODES: usize = MAX_NODES / 6;
 /// Default of [`TraceOptions::excess`].
 const EXCESS: f64 = 2.0;
 
@@ -50,7 +50,7 @@ pub struct TraceOptions {
     pub psf_tolerance: f64,
     /// Maximum number of nodes of a band (heights × azimuths), if they are chosen by error.
     pub max_nodes: usize,
-    /// L1 error in units of `psf_tolerance`, at least 1, from which on a band may have more than a quarter of `max_nodes`: films of many nodes take more
+    /// L1 error in units of `psf_tolerance`, at least 1, from which on a band may have more than a sixth of `max_nodes`: films of many nodes take more
     /// time.
     pub excess: f64,
     /// Heights of the PSFs.
@@ -86,7 +86,7 @@ impl TraceOptions {
 
     /// Nodes of a band up to which its errors are those of the tolerance; more only where errors would exceed that `excess` times.
     pub fn base_nodes(&self) -> usize {
-        self.max_nodes.min(BASE_NODES.max(self.max_nodes / 4))
+        self.max_nodes.min(BASE_NODES.max(self.max_nodes / 6))
     }
 
     pub(super) fn check(&self) -> Result<(), DesignError> {

@@ -8,10 +8,8 @@ use super::options::{BASE_NODES, MAX_NODES, TraceOptions};
 #[cfg(doc)]
 use crate::design::psf::PsfGrid;
 
-/// Maximum samples of the PSFs of a band with the default of [`MAX_NODES`] nodes, as films make kernels from them ([`crate::psf::coarse`]): 176 MB in f32.
-const MAX_SAMPLES: f64 = (21_u64 << 21) as f64;
-/// Maximum samples of the PSFs of a band as they are traced: that of an array of a lens pack.
-const MAX_TRACED: usize = 1 << 28;
+/// Maximum samples of the PSFs of a band, as films make kernels from them ([`super::film_samples`]): 176 MB in f32.
+pub(super) const MAX_SAMPLES: usize = 21 << 21;
 /// Maximum work for the choice of nodes with [`BASE_NODES`], in samples ([`PsfGrid::work`]): 2 to 3 s on two cores.
 const MAX_WORK: f64 = 6e8;
 /// Maximum side of the PSFs in samples with the default of [`MAX_NODES`] nodes.
@@ -84,14 +82,9 @@ fn scale(options: &TraceOptions) -> f64 {
     options.max_nodes as f64 / MAX_NODES as f64
 }
 
-/// Maximum samples of the PSFs of a band.
+/// [`MAX_SAMPLES`], or more with more than the default of [`MAX_NODES`].
 pub(super) fn max_samples(options: &TraceOptions) -> usize {
-    (MAX_SAMPLES * scale(options).max(1.0)) as usize
-}
-
-/// Maximum number of PSFs of `side` samples a side, of which films use `film_side`.
-pub(super) fn max_heights(options: &TraceOptions, (side, film_side): (usize, usize)) -> usize {
-    (max_samples(options) / film_side.pow(2)).min(MAX_TRACED / side.pow(2))
+    (MAX_SAMPLES as f64 * scale(options).max(1.0)) as usize
 }
 
 /// Samples a side from which on the window of a band is limited.
@@ -105,18 +98,14 @@ pub(super) fn max_psfs(options: &TraceOptions, work: f64) -> usize {
 }
 
 /// Limits of the nodes of a band.
+#[derive(Clone, Copy, Debug)]
 pub(super) struct Budget {
     pub(super) nodes: usize,
     pub(super) heights: usize,
 }
 
 impl Budget {
-    /// Whether the nodes fit; the minimum numbers always do.
-    pub(super) fn holds(&self, heights: &[f64], azimuths: &[usize], free_heights: bool) -> bool {
-        self.fits(heights, azimuths, free_heights) == Fit { heights: true, nodes: true }
-    }
-
-    /// Which of the limits hold.
+    /// Which of the limits hold; for the minimum numbers all do.
     pub(super) fn fits(&self, heights: &[f64], azimuths: &[usize], free_heights: bool) -> Fit {
         let nodes: usize = azimuths.iter().skip(1).sum();
         let least = azimuths.iter().skip(1).all(|j| *j <= 8);
@@ -133,6 +122,9 @@ pub(super) struct Fit {
     /// That of the nodes.
     pub(super) nodes: bool,
 }
+
+/// All limits hold.
+pub(super) const ALL: Fit = Fit { heights: true, nodes: true };
 
 /// How cells above a threshold are refined.
 pub(super) struct Refinement {

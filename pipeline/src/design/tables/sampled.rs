@@ -7,6 +7,7 @@
 
 use rayon::prelude::*;
 
+use super::film_samples::FilmSamples;
 use super::kernels::Core;
 use super::trace::{LensTrace, PsfHeights, TraceOptions};
 use super::window::{SquareLight, Windows, core_samples, expected, for_tails, half_samples, window};
@@ -17,8 +18,6 @@ use crate::design::pupil::bundle::Bundle;
 use crate::design::pupil::edge::Edge;
 use crate::design::pupil::pupils::Pupils;
 use crate::design::rays::ray::Tracer;
-use crate::lens::PsfSample;
-use crate::psf::coarse::KernelSamples;
 
 /// What PSFs of a wavelength are computed with.
 pub(in crate::design) struct Sampled<'t> {
@@ -31,8 +30,8 @@ pub(in crate::design) struct Sampled<'t> {
     /// Window and samples of the PSFs, and those for the choice of nodes.
     pub(in crate::design) window_px: usize,
     pub(in crate::design) grid: PsfGrid,
-    /// Samples along a side of windows without tails, and those that films use, which the budget of nodes is for: nodes are the same with tails.
-    pub(super) budget_sides: (usize, usize),
+    /// Samples that the budget of nodes is for.
+    pub(super) film_samples: FilmSamples,
     /// Windows in which kernels are compared.
     pub(in crate::design) core: Core,
     pub(super) inner: Option<Core>,
@@ -123,7 +122,7 @@ impl LensTrace<'_> {
             false => 2 * half_samples(plain_px, options.film_pitch_um, spline_pitch_um) + 1,
             true => grid.size(),
         };
-        let budget_sides = (side, self.film_side(side, spline_pitch_um));
+        let film_samples = self.film_samples(side, spline_pitch_um);
         Ok(Sampled {
             pupils,
             last_mm,
@@ -131,20 +130,16 @@ impl LensTrace<'_> {
             edges,
             window_px,
             grid,
-            budget_sides,
+            film_samples,
             core,
             inner,
             light,
         })
     }
 
-    /// Samples a side that films use of many PSFs with `side` samples of `pitch_um`.
-    pub(super) fn film_side(&self, side: usize, pitch_um: f64) -> usize {
-        let psfs = (usize::MAX / side.pow(2), side, pitch_um);
-        match self.has_base_nodes {
-            false => KernelSamples::of(psfs, self.options.film_pitch_um, PsfSample::Point).size,
-            true => side,
-        }
+    /// Samples of films, of PSFs with `side` samples of `pitch_um` a side.
+    pub(super) fn film_samples(&self, side: usize, pitch_um: f64) -> FilmSamples {
+        FilmSamples::new((side, pitch_um), self.options.film_pitch_um, self.has_base_nodes)
     }
 
     /// Pitch that resolves `nyquist_um`, of PSFs whose light and kernels are compared; or that given.

@@ -19,7 +19,6 @@ use super::lens_header::header;
 pub use super::lens_header::lens_header;
 pub use super::options::{Azimuths, MAX_NODES, PsfHeights, TraceOptions};
 pub use super::refine::NodeError;
-use super::refine::max_heights;
 use super::sampled::{Sampled, Sampling};
 pub use super::shared_nodes::{SharedNodes, node_wavelengths};
 pub use super::window::LEAST_TAIL_WINDOW_PX;
@@ -43,7 +42,7 @@ const ENERGIES: usize = 24;
 /// Incremented when the results for the same design and options change.
 pub const TRACER_VERSION: u32 = 10;
 /// Incremented when nodes, windows or pitches of samples for the same design and options change, which packs with pupil functions have stored.
-pub const NODES_VERSION: u32 = 6;
+pub const NODES_VERSION: u32 = 7;
 
 /// Incremented when tails for the same design and options change.
 pub const TAILS_VERSION: u32 = 6;
@@ -331,6 +330,7 @@ impl<'a> LensTrace<'a> {
             azimuth_count: chosen.azimuths,
             psf_size: grid.size(),
             psf_pitch_um: grid.pitch_um(),
+            kernel_pitch_um: chosen.stated_per_pixel.map(|samples| options.film_pitch_um / samples),
             psf_energy: stack.1,
             solid_angle_sr: light[0] / transmission,
             transmission,
@@ -347,9 +347,9 @@ impl<'a> LensTrace<'a> {
         sampled: &mut Sampled<'_>,
         report: &mut dyn FnMut(&'static str, usize),
     ) -> Result<Chosen, DesignError> {
-        let Sampled { pupils, last_mm, budget_sides, core, inner, .. } = sampled;
+        let Sampled { pupils, last_mm, film_samples, core, inner, .. } = sampled;
         let mut kernels = Compared::new(core, inner.as_ref(), self.options.film_pitch_um);
-        grid::choose(&mut kernels, pupils, &self.node_options(), (*last_mm, *budget_sides), report)
+        grid::choose(&mut kernels, pupils, &self.node_options(), (*last_mm, film_samples), report)
     }
 
     /// The nodes `other` of a similar band if their error is about the same here ([`grid::adopt`]), else none.
@@ -359,12 +359,13 @@ impl<'a> LensTrace<'a> {
         other: &Chosen,
         report: &mut dyn FnMut(&'static str, usize),
     ) -> Result<Option<Chosen>, DesignError> {
-        let Sampled { pupils, core, inner, budget_sides, .. } = sampled;
+        let Sampled { pupils, core, inner, film_samples, .. } = sampled;
         let mut kernels = Compared::new(core, inner.as_ref(), self.options.film_pitch_um);
         let options = self.node_options();
         let found = grid::adopt(&mut kernels, pupils, options.psf_tolerance, other, report)?;
-        let allowed = max_heights(&options, *budget_sides);
-        Ok(found.filter(|nodes| self.has_base_nodes || !nodes.is_limited_beside(allowed, &options)))
+        let most = film_samples.most(&options);
+        let fits = |nodes: &Chosen| nodes.heights.len() <= most && !nodes.is_limited_beside(most, &options);
+        Ok(found.filter(|nodes| self.has_base_nodes || fits(nodes)))
     }
 }
 

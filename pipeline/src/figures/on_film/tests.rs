@@ -28,6 +28,7 @@ fn symmetric() -> LensBand {
         azimuth_count: vec![1, 8],
         psf_size: N,
         psf_pitch_um: 1.0,
+        kernel_pitch_um: None,
         psf_energy: vec![1.0; 2],
         solid_angle_sr: 0.1,
         transmission: 1.0,

@@ -45,6 +45,7 @@ fn band() -> LensBand {
         azimuth_count: vec![1, 8, 8, 8],
         psf_size: 261,
         psf_pitch_um: PITCH_UM,
+        kernel_pitch_um: None,
         psf_energy: vec![0.97; 4],
         tail: Some(tail),
         ..LensBand::ideal(550.0, height_mm)

@@ -19,6 +19,8 @@ pub struct Needed {
     pub seconds: f64,
     /// PSFs of all bands, MB uncompressed.
     pub psf_mb: f64,
+    /// PSFs of the band of the largest ones, MB uncompressed.
+    pub band_mb: f64,
     /// The same in words.
     pub text: String,
 }
@@ -70,5 +72,6 @@ pub fn estimate(system: &System, options: &TraceOptions) -> Result<Needed> {
         largest(|e| e.side),
         options.max_nodes,
     );
-    Ok(Needed { seconds, psf_mb, text })
+    let band_mb = 1e-6 * largest(|e| e.bytes) as f64;
+    Ok(Needed { seconds, psf_mb, band_mb, text })
 }

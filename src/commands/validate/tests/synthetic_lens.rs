@@ -69,6 +69,7 @@ pub fn write(path: &Path, synthetic: SyntheticLens) {
         azimuth_count: (0..heights.len()).map(|k| if k == 0 { 1 } else { 72 }).collect(),
         psf_size: 83,
         psf_pitch_um: STEP_PX * FILM_PITCH_UM,
+        kernel_pitch_um: None,
         psf_energy: vec![1.0; heights.len()],
         psf_height_mm: heights.clone(),
         ..LensBand::ideal(550.0, ideal.iter().map(real).collect())

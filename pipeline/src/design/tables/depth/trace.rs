@@ -170,6 +170,7 @@ pub fn band<E: std::fmt::Display>(
         azimuth_count: Vec::new(),
         psf_size: 1,
         psf_pitch_um: 1.0,
+        kernel_pitch_um: None,
         psf_energy: Vec::new(),
         solid_angle_sr: in_focus[0] / focused.transmission,
         transmission: focused.transmission,
