@@ -6,11 +6,12 @@
 //! ```text
 //! c_i = Σ_j h((x_i − x_j)/q) v_j,     q = p/4, p/3 or as the band states,     h(u) = sinc(u)·K(u/8),     Σ_i h = 1
 //! ```
-//! v_j are shares of the light per sample, c_i those per coarse sample, K is a Kaiser window of shape 8. Lost are frequencies above 1/(2q). Of samples up to
+//! v_j are shares of the light per sample, c_i those per coarse sample, K is a Kaiser window of shape 8; a sample beyond the last coarse one, whose weights are next to
+//! nothing, belongs to that one. Lost are frequencies above 1/(2q). Of samples up to
 //! four a pixel p/3 loses little, as the cutoff of the lens is then at most 1.8/p; they are reduced only where all PSFs together are large.
 //! A band of many PSFs may state a larger q, whose loss was measured when it was traced ([`LensBand::kernel_pitch_um`](crate::lens::LensBand)): fringes of a PSF far
 //! out of focus are wide.
-//! L1 difference of kernels, worst of five PSFs of each of the built-in fast lenses: 0.03 to 0.6 % at 400 nm, up to 0.5 % at 550 nm (`scripts/bench/2026-11-29-nodes`).
+//! L1 difference of kernels by default, worst of five PSFs of each of the built-in fast lenses: 0.03 to 0.6 % at 400 nm, up to 0.5 % at 550 nm (`scripts/bench/2026-11-29-nodes`).
 
 use crate::lens::{PsfSample, PsfStack};
 use crate::parts::for_each_part;
@@ -28,10 +29,12 @@ const FINE: (f64, f64) = (4.5, 3.5);
 const LARGE: usize = 3 << 23;
 /// Samples a film pixel of a band that has even more samples, each with the samples a pixel of PSFs above which they are coarser.
 const FEWER: [(f64, f64); 3] = [(3.0, 4.5), (2.0, 2.5), (1.5, 1.75)];
-/// Least samples a film pixel that a band may state, of films of its pixels; on smaller pixels they are not those that were measured.
-const LEAST: f64 = 1.49;
+/// Least samples a film pixel. On pixels smaller than those it was traced for, the loss of those that a band states is not known, as the errors of its nodes are not.
+const LEAST: f64 = FEWER[2].0;
 /// Windows from which on PSFs are reduced, film pixels: kernels of smaller ones take little time.
 const WIDE_PX: usize = 101;
+/// Least sum of the weights of a sample that is scaled to 1.
+const LEAST_SUM: f64 = 0.5;
 /// Half-width of h, coarse samples, and the shape of its Kaiser window.
 const HALF: f64 = 8.0;
 const SHAPE: f64 = 8.0;
@@ -53,8 +56,8 @@ impl KernelSamples {
         Self { size, pitch_um, film_pitch_um }
     }
 
-    /// Those of `count` PSFs with `size` samples a side of `pitch_um`, on a film of `film_pitch_um`: at the pitch `stated_um` of the band if it states one, else coarse
-    /// if they are wide and finely sampled.
+    /// Those of `count` PSFs with `size` samples a side of `pitch_um`, on a film of `film_pitch_um`: coarse if they are wide and finely
+    /// sampled, and at least at the pitch `stated_um` that the band states.
     pub fn of(
         (count, size, pitch_um): (usize, usize, f64),
         film_pitch_um: f64,
@@ -65,9 +68,10 @@ impl KernelSamples {
         if sample != PsfSample::Point {
             return all;
         }
-        match stated_um.map(|pitch_um| film_pitch_um / pitch_um) {
-            Some(per_pixel) if (LEAST..all.per_pixel()).contains(&per_pixel) => all.coarse(per_pixel),
-            _ => all.by_default(count),
+        let default = all.by_default(count);
+        match stated_um.map(|pitch_um| (film_pitch_um / pitch_um).max(LEAST)) {
+            Some(per_pixel) if per_pixel < default.per_pixel() => all.coarse(per_pixel),
+            _ => default,
         }
     }
 
@@ -84,7 +88,7 @@ impl KernelSamples {
         if per_pixel > FINE.1 && is_large { self.coarse(PER_PIXEL.1) } else { self }
     }
 
-    /// Those of many PSFs with all of these, point samples, by default, and fewer ones that a band may state.
+    /// Of point samples, of which these are all: those of many PSFs by default, then the fewer ones that a band may state.
     pub fn steps(self) -> Vec<Self> {
         let first = self.by_default(usize::MAX / self.size.pow(2));
         if self.window() < WIDE_PX {
@@ -170,11 +174,15 @@ impl CoarseSamples {
         for (first, weights) in &rows {
             weights.iter().zip(&mut sums[*first..]).for_each(|(w, sum)| *sum += w);
         }
-        let normalised = |(first, weights): (usize, Vec<f64>)| {
-            let weights = weights.iter().zip(&sums[first..]).map(|(w, sum)| (w / sum) as f32);
-            (first, weights.collect())
+        let normalised = |(row, (first, weights)): (usize, (usize, Vec<f64>))| {
+            let weight = |(j, w): (usize, &f64)| match sums[j] > LEAST_SUM {
+                true => (w / sums[j]) as f32,
+                false => f32::from(row == if j < samples / 2 { 0 } else { to - 1 }),
+            };
+            (first, (first..).zip(&weights).map(weight).collect())
         };
-        Self { from: samples, pitch_um: to_pitch_um, weights: rows.into_iter().map(normalised).collect() }
+        let weights = rows.into_iter().enumerate().map(normalised).collect();
+        Self { from: samples, pitch_um: to_pitch_um, weights }
     }
 
     /// The PSFs of `stack`, reduced on `threads` threads.
@@ -258,13 +266,34 @@ mod tests {
         };
         assert_eq!(of(2.0, 1.0), (377, 2.0), "189 pixels");
         assert_eq!(of(4.0, 1.0), (379, 4.0), "95 pixels");
-        assert_eq!(of(1.25, 1.0).1, 3.0, "smaller pixels");
+        assert_eq!(of(1.25, 1.0).1, 1.5, "smaller pixels");
+        assert_eq!(of(2.0, 0.4).1, 4.0, "the default has fewer");
         assert_eq!(of(2.0, 0.25).1, 4.0, "more than there are");
         let steps = |n: usize, pitch_um| -> Vec<f64> {
             KernelSamples::all(n, pitch_um, 2.0).steps().iter().map(KernelSamples::per_pixel).collect()
         };
         let all = [steps(1133, 1.0 / 3.0), steps(755, 0.5), steps(567, 2.0 / 3.0), steps(401, 1.0 / 3.0)];
         assert_eq!(all, [vec![4.0, 3.0, 2.0, 1.5], vec![3.0, 2.0, 1.5], vec![3.0, 2.0, 1.5], vec![6.0]]);
+    }
+
+    #[test]
+    fn samples_at_the_edge_have_small_weights() {
+        for (n, pitch_um) in [(309, 2.0 / 3.0), (321, 2.0 / 3.0), (1051, 1.0 / 3.0), (1133, 1.0 / 3.0)] {
+            for per_pixel in [1.5, 1.6, 2.0, 2.25, 3.0] {
+                let samples = KernelSamples::all(n, pitch_um, 2.0).coarse(per_pixel);
+                let reduction = CoarseSamples::new((n, pitch_um), samples);
+                let (mut sums, mut sizes) = (vec![0.0; n], vec![0.0; n]);
+                for (first, weights) in &reduction.weights {
+                    for (j, w) in (*first..).zip(weights) {
+                        sums[j] += w;
+                        sizes[j] += w.abs();
+                    }
+                }
+                let (sum, size) = (sums.iter().map(|s| (s - 1.0).abs()), sizes.iter().copied());
+                let (sum, size) = (sum.fold(0.0, f32::max), size.fold(0.0, f32::max));
+                assert!(sum < 1e-5 && size < 2.5, "{n}, {per_pixel} a pixel: {sum:.1e}, {size}");
+            }
+        }
     }
 
     #[test]
