@@ -457,6 +457,7 @@ fn tables(
         azimuth_count: first.azimuth_count.clone(),
         psf_size: first.psf_size.max(second.psf_size),
         psf_pitch_um: first.psf_pitch_um,
+        // What a band that states none loses by fewer samples is not known.
         kernel_pitch_um: first.kernel_pitch_um.zip(second.kernel_pitch_um).map(|(a, b)| a.min(b)),
         psf_energy: mix_all(&first.psf_energy, &second.psf_energy),
         solid_angle_sr: mix(first.solid_angle_sr, second.solid_angle_sr),

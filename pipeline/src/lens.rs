@@ -121,7 +121,8 @@ pub struct LensBand {
     pub psf_size: usize,
     /// Sample pitch in µm.
     pub psf_pitch_um: f64,
-    /// Pitch in µm of the samples that films make kernels from ([`crate::psf::coarse`]), if the band states one: a part of the pitch of its pixels.
+    /// Pitch in µm of the samples that films make kernels from ([`crate::psf::coarse`]), if the band states one: the pitch of the film that it was
+    /// traced for over 3, 2 or 1.5.
     pub kernel_pitch_um: Option<f64>,
     /// Share of all the light that the window held before normalisation, per height.
     pub psf_energy: Vec<f64>,

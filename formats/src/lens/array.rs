@@ -16,7 +16,7 @@ use std::sync::Arc;
 use zarrs::array::Array;
 use zarrs::metadata::ArrayMetadata;
 
-/// Maximum number of samples of an array (2 GiB of f32); a traced band has 15 million, one of a fast lens 400.
+/// Maximum number of samples of an array (2 GiB of f32); a traced band has 15 million, one of a fast lens up to 500 million.
 pub const MAX_SAMPLES: u64 = 1 << 29;
 /// Maximum number of chunks of an array.
 const MAX_CHUNKS: u64 = 1 << 18;

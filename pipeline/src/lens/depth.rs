@@ -113,6 +113,7 @@ impl BandDepth {
         band.azimuth_count.clone_from(&node.azimuth_count);
         band.psf_energy.clone_from(&node.psf_energy);
         (band.psf_size, band.psf_pitch_um) = (node.psf_size, node.psf_pitch_um);
+        band.kernel_pitch_um = None;
     }
 
     /// Checks the nodes of `band`, whose own tables are valid.

@@ -56,6 +56,13 @@ impl FilmSamples {
         self.steps.iter().enumerate().map(of).collect()
     }
 
+    /// Samples a film pixel that a band of `heights` PSFs states: none if as many are allowed by default, else the most that allow them.
+    pub(super) fn stated(&self, heights: usize, options: &TraceOptions) -> Option<f64> {
+        let allowed = self.allowed(options);
+        let step = allowed.iter().position(|most| heights <= *most).unwrap_or(allowed.len() - 1);
+        (step > 0).then(|| self.steps[step].per_pixel())
+    }
+
     /// The last of [`FilmSamples::allowed`], which is the largest.
     pub(super) fn most(&self, options: &TraceOptions) -> usize {
         self.allowed(options).into_iter().max().unwrap_or(0)
@@ -158,32 +165,25 @@ impl<'s> Steps<'s> {
         if next >= self.allowed.len() || self.allowed[next] <= self.allowed[self.chosen] {
             return Ok(None);
         }
+        let chosen = self.chosen;
         let losses = self.losses(pupils, report)?;
-        if losses[next] - losses[self.chosen] >= gain {
+        if losses[next] - losses[chosen] >= gain {
             return Ok(None);
         }
         self.chosen = next;
         Ok(Some(self.allowed[next]))
     }
 
-    /// Samples a film pixel that the band states, for `heights` PSFs: none if as many are allowed with those of films by default.
-    pub(super) fn stated(&self, heights: usize) -> Option<f64> {
-        let is_more = heights > self.allowed[0] && self.chosen > 0;
-        is_more.then(|| self.samples.steps[self.chosen].per_pixel())
-    }
-
     fn losses(
         &mut self,
         pupils: &mut Pupils<'_>,
         report: &mut dyn FnMut(&'static str, usize),
-    ) -> Result<Vec<f64>, DesignError> {
-        if let Some(losses) = &self.losses {
-            return Ok(losses.clone());
+    ) -> Result<&[f64], DesignError> {
+        if self.losses.is_none() {
+            self.losses = Some(self.samples.losses(pupils, self.last_mm)?);
+            report("probing", MEASURED);
         }
-        let losses = self.samples.losses(pupils, self.last_mm)?;
-        report("probing", MEASURED);
-        self.losses = Some(losses.clone());
-        Ok(losses)
+        Ok(self.losses.as_deref().unwrap_or_default())
     }
 }
 
@@ -211,7 +211,12 @@ mod tests {
         let wide = (2261, 1.0 / 3.0);
         assert_eq!(allowed(wide, false, MAX_NODES), [19, 34, 77, 105]);
         assert_eq!(allowed((1133, 1.0 / 3.0), false, MAX_NODES), [77, 136, 309, 418], "189 pixels");
-        assert_eq!(allowed((1133, 1.0 / 3.0), false, 5 * MAX_NODES / 4), [77, 136, 309, 418]);
+        let stated =
+            |heights| FilmSamples::new((1133, 1.0 / 3.0), 2.0, false).stated(heights, &options(MAX_NODES));
+        assert_eq!(
+            [77, 78, 136, 137, 309, 310].map(stated),
+            [None, Some(3.0), Some(3.0), Some(2.0), Some(2.0), Some(1.5)]
+        );
         assert_eq!(allowed(wide, true, MAX_NODES), [8]);
         // 67 pixels.
         assert_eq!([1, 2].map(|n| allowed((401, 1.0 / 3.0), false, n * MAX_NODES)), [[273], [547]]);

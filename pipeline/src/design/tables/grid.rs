@@ -185,7 +185,7 @@ pub(super) fn choose(
         };
         cells.iter().enumerate().map(inner).collect()
     });
-    let stated = steps.stated(heights.len());
+    let stated = samples.stated(heights.len(), options).filter(|_| given.is_none());
     Ok(with_axis(heights, azimuths, Some(error), (cells, inner_cells), stated))
 }
 
@@ -194,7 +194,7 @@ pub(super) fn choose(
 pub(super) fn adopt(
     Compared { most, some }: &mut Compared<'_>,
     pupils: &mut Pupils<'_>,
-    tolerance: f64,
+    (tolerance, excess): (f64, f64),
     other: &Chosen,
     report: &mut dyn FnMut(&'static str, usize),
 ) -> Result<Option<Chosen>, DesignError> {
@@ -224,15 +224,16 @@ pub(super) fn adopt(
     let known: Vec<Difference> = cells.iter().map(|cell| known[*cell]).collect();
     let edge = there.edge * ratio_of_largest(&here, &known);
     let error = NodeError { worst: largest * there.worst, median: mean * there.median, edge, ..there };
-    let is_adopted = are_good_enough(tolerance, there.worst, error.worst)
-        && are_good_enough(ESF_SHARE * tolerance, there.edge, edge);
+    let is_adopted = are_good_enough((tolerance, excess), there.worst, error.worst)
+        && are_good_enough((ESF_SHARE * tolerance, 1.0), there.edge, edge);
     Ok(is_adopted.then(|| Chosen { error: Some(error), ..other.clone() }))
 }
 
 /// Whether nodes with the L1 error, or ESF, `there` at the wavelength where they were chosen are taken where it is `here`: within the tolerance, or about as
-/// large as there where the budget did not allow the tolerance.
-fn are_good_enough(tolerance: f64, there: f64, here: f64) -> bool {
-    here <= tolerance || (there > tolerance && here <= ADOPTED_ERROR * there)
+/// large as there where the budget did not allow the tolerance, but not above `excess` times it where it was within that.
+fn are_good_enough((tolerance, excess): (f64, f64), there: f64, here: f64) -> bool {
+    let is_alike = there > tolerance && here <= ADOPTED_ERROR * there;
+    here <= tolerance || (is_alike && (here <= excess * tolerance || there > excess * tolerance))
 }
 
 /// The kernels that the error of cell `k` needs: at its centre, and at either height unrotated and half-way to the next azimuth.
@@ -371,9 +372,11 @@ mod tests {
 
     #[test]
     fn nodes_of_another_wavelength_stay_within_the_tolerance_that_they_had() {
-        assert!(are_good_enough(0.01, 0.008, 0.01));
-        assert!(!are_good_enough(0.01, 0.008, 0.0101), "less than 1.3 times the error there");
-        assert!(are_good_enough(0.01, 0.02, 0.025) && !are_good_enough(0.01, 0.02, 0.027));
+        let are_good_enough = |there, here| are_good_enough((0.01, 2.0), there, here);
+        assert!(are_good_enough(0.008, 0.01));
+        assert!(!are_good_enough(0.008, 0.0101), "less than 1.3 times the error there");
+        assert!(are_good_enough(0.016, 0.02) && !are_good_enough(0.016, 0.0201), "within the excess");
+        assert!(are_good_enough(0.021, 0.027) && !are_good_enough(0.021, 0.028));
     }
 
     #[test]

@@ -19,7 +19,7 @@ pub(super) const MIN_PSFS: usize = 24;
 /// Maximum of azimuths of a height.
 pub(super) const MAX_AZIMUTHS: usize = 2880;
 
-/// Errors of kernels at the centres of the cells between nodes: L1, but for [`NodeError::edge`].
+/// Errors of kernels at the centres of the cells between nodes: L1, but for [`NodeError::edge`]; what fewer samples of films lose (`film_samples`) is not among them.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct NodeError {
     /// Maximum.

@@ -362,10 +362,15 @@ impl<'a> LensTrace<'a> {
         let Sampled { pupils, core, inner, film_samples, .. } = sampled;
         let mut kernels = Compared::new(core, inner.as_ref(), self.options.film_pitch_um);
         let options = self.node_options();
-        let found = grid::adopt(&mut kernels, pupils, options.psf_tolerance, other, report)?;
+        let allowed = (options.psf_tolerance, options.excess);
+        let found = grid::adopt(&mut kernels, pupils, allowed, other, report)?;
         let most = film_samples.most(&options);
         let fits = |nodes: &Chosen| nodes.heights.len() <= most && !nodes.is_limited_beside(most, &options);
-        Ok(found.filter(|nodes| self.has_base_nodes || fits(nodes)))
+        let mut found = found.filter(|nodes| self.has_base_nodes || fits(nodes));
+        if let (Some(nodes), PsfHeights::ByError) = (&mut found, &options.heights) {
+            nodes.stated_per_pixel = film_samples.stated(nodes.heights.len(), &options);
+        }
+        Ok(found)
     }
 }
 
