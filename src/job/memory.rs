@@ -47,8 +47,8 @@ const MIN_CHART_CACHE: usize = 16 << 20;
 /// Memory per byte of decoded chunks in the cache: all threads allocate and free them, and the allocator keeps what it cannot reuse. 199 MiB of
 /// them took 70 MiB more.
 const CHART_CACHE_OVERHEAD: f64 = 1.4;
-/// Spectra of a band and of the first tiles of the next one, over those of the band: more would keep those of bands that are done.
-const NEXT_BAND: f64 = 1.25;
+/// Cache of a run over the spectra of its largest band: base kernels of bands that are done may have half of it, more would keep their spectra as well.
+const OF_A_BAND: usize = 2;
 /// Spectra per worker below which every block would compute its spectra again.
 const MIN_SPECTRA: usize = 24;
 /// PSFs of depth nodes per worker below which every kernel would read its PSF again: two heights of two nodes.
@@ -61,13 +61,13 @@ const MIN_SETS: usize = 2;
 pub struct Memory {
     /// The limit (`--memory`).
     pub limit: usize,
-    /// Expected peak: at most the limit, less where the caches need less.
+    /// Expected peak of a run: at most the limit, less where the caches need less.
     pub planned: usize,
     /// Cache of decoded chart chunks.
     pub chart_cache: usize,
     /// Cache of node spectra of all bands.
     pub spectra: usize,
-    /// Cache of node spectra of bands that are computed one after the other: of those of one.
+    /// Cache of node spectra of a run, which computes one band after the other: at most [`OF_A_BAND`] times those of the largest band.
     pub spectra_in_turn: usize,
     /// Page-locked memory of each GPU queue.
     pub pinned: usize,
@@ -153,7 +153,7 @@ struct Demand {
     spectra: (usize, usize),
     /// Spectra that the tiles of a shard use.
     shard_spectra: usize,
-    /// Largest spectra of a band, and [`NEXT_BAND`].
+    /// Spectra of the band with the most, times [`OF_A_BAND`].
     band_spectra: usize,
     /// An encoded shard, and how many are useful beyond those of `fixed`.
     encoded: (usize, usize),
@@ -320,7 +320,7 @@ impl MemoryInputs<'_> {
         let kept = SpectrumCache::bytes_to_keep(self.max(BandPlan::kept_bytes));
         let all = |p: &BandPlan| nodes(p) + psfs_on_demand(p);
         let of_shard = self.max(of_shard).max(min).max(kept);
-        let of_band = (self.max(all) as f64 * NEXT_BAND) as usize;
+        let of_band = self.max(all).saturating_mul(OF_A_BAND);
         [min, of_shard, of_band.max(of_shard), self.bands.iter().map(all).sum()]
     }
 
