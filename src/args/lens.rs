@@ -358,7 +358,7 @@ pub struct TraceArgs {
     #[arg(long, value_name = "WxH", value_parser = size)]
     pub film_size: Option<Size>,
     /// What the pack has of the PSFs: their samples, or the pupil functions they are computed from when the pack is read, a hundredth of the bytes
-    /// [default: psfs up to 1 GB uncompressed, else pupils]
+    /// [default: psfs up to 1 GB uncompressed and 300 MB a band, else pupils]
     #[arg(long, value_enum, conflicts_with = "depths_m")]
     pub store: Option<Store>,
     /// Make a pack for others, without the design: no names of files, glasses and coatings, no title, no drawn errors, no place of the film in the design; `lenscube help

@@ -91,8 +91,7 @@ pub fn command(args: &TraceArgs) -> Result<()> {
     let Needed { seconds, psf_mb, band_mb, text } =
         estimate(&system, &options).with_context(|| format!("tracing {}", args.design))?;
     log_needed(seconds, text);
-    let by_default = if band_mb > MAX_BAND_MB { Store::Pupils } else { default_store(psf_mb) };
-    let stored = sealed::stored(args, by_default);
+    let stored = sealed::stored(args, default_store(psf_mb, band_mb));
     if args.store.is_none() && stored == Store::Pupils {
         log_line(pupils_note(psf_mb));
     }
@@ -177,9 +176,9 @@ fn log_needed(seconds: f64, text: String) {
     if seconds > LONG_S { log_line(text) } else { detail_line(text) }
 }
 
-/// What a pack has by default if its PSFs would have `psf_mb` MB uncompressed.
-fn default_store(psf_mb: f64) -> Store {
-    if psf_mb > MAX_PSF_MB { Store::Pupils } else { Store::Psfs }
+/// What a pack has by default if its PSFs would have `psf_mb` MB uncompressed, those of a band at most `band_mb`.
+fn default_store(psf_mb: f64, band_mb: f64) -> Store {
+    if psf_mb > MAX_PSF_MB || band_mb > MAX_BAND_MB { Store::Pupils } else { Store::Psfs }
 }
 
 /// A pack has pupil functions, as its PSFs would have `psf_mb` MB uncompressed.
@@ -373,7 +372,9 @@ mod tests {
 
     #[test]
     fn packs_of_more_than_a_gigabyte_of_psfs_have_pupil_functions() {
-        assert_eq!([999.0, 1001.0].map(default_store), [Store::Psfs, Store::Pupils]);
+        let stores =
+            [(999.0, 299.0), (1001.0, 100.0), (301.0, 301.0)].map(|(all, band)| default_store(all, band));
+        assert_eq!(stores, [Store::Psfs, Store::Pupils, Store::Pupils]);
     }
 
     #[test]

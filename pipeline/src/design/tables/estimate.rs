@@ -19,8 +19,8 @@ const PSFS: usize = 220;
 /// PSFs that determine the window of a band and the error of nodes chosen at another wavelength.
 const CHECKS: usize = 25;
 
-/// PSFs that a band has without a limit: 30 to 46 for the built-in lenses.
-const HEIGHTS: usize = 40;
+/// PSFs that a band has without a limit: 30 to 46 for most built-in lenses, 54 to 125 where they are so wide that films use a part of their samples.
+const HEIGHTS: (usize, usize) = (40, 80);
 
 /// What a band needs, estimated from rays.
 #[derive(Clone, Copy, Debug, PartialEq)]
@@ -67,17 +67,21 @@ impl LensTrace<'_> {
         let side = 2 * half_samples(window_px, film, spline_pitch_um) + 1;
         let core_side = 2 * core_samples(core_px, film, pitch_um).0 + 1;
         let limited = PSFS.min(max_psfs(&self.node_options(), core_side.pow(2) as f64));
+        let film_samples = self.film_samples(side, spline_pitch_um);
         let (chosen_by, max_bytes) = match (&options.heights, options.azimuths) {
             (PsfHeights::Given(h), Azimuths::Given(_)) => (0, 4 * side * side * h.len()),
             (PsfHeights::Given(h), _) => (limited.max(3 * h.len()), 4 * side * side * h.len()),
             (PsfHeights::ByError, _) => {
-                let heights = self.film_samples(side, spline_pitch_um).most(options);
+                let heights = film_samples.most(options);
                 (limited, 4 * side * side * heights.min(options.max_nodes))
             }
         };
         let bytes = match &options.heights {
             PsfHeights::Given(_) => max_bytes,
-            PsfHeights::ByError => max_bytes.min(4 * side * side * HEIGHTS),
+            PsfHeights::ByError => {
+                let heights = if film_samples.allowed(options).len() > 1 { HEIGHTS.1 } else { HEIGHTS.0 };
+                max_bytes.min(4 * side * side * heights)
+            }
         };
         let core_samples = core_side * core_side;
         let samples = CHECKS.min(chosen_by) * core_samples + bytes / 4;

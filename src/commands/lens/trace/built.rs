@@ -176,7 +176,7 @@ impl Planar<'_> {
                 // PSFs are largest at the shortest wavelength, which is the first: how many there are is known only then.
                 let stored = *stored.get_or_insert_with(|| {
                     let psf_mb = psf_mb(&band.psf, options.wavelengths_nm.len());
-                    let stored = sealed::stored(args, default_store(psf_mb));
+                    let stored = sealed::stored(args, default_store(psf_mb, 0.0));
                     if stored == Store::Pupils {
                         bar.suspend(|| log_line(pupils_note(psf_mb)));
                     }
@@ -219,8 +219,8 @@ mod tests {
         assert_eq!(psf_mb(&samples(4000), 31), 0.124);
         // A band of the default store is one that can be read again.
         let most_mb = 4e-6 * MAX_ARRAY_SAMPLES as f64;
-        assert_eq!(default_store(most_mb), Store::Pupils);
-        assert_eq!(default_store(psf_mb(&samples(4_000_000), 249)), Store::Psfs);
-        assert_eq!(default_store(psf_mb(&samples(4_000_000), 251)), Store::Pupils);
+        assert_eq!(default_store(most_mb, 0.0), Store::Pupils);
+        assert_eq!(default_store(psf_mb(&samples(4_000_000), 249), 0.0), Store::Psfs);
+        assert_eq!(default_store(psf_mb(&samples(4_000_000), 251), 0.0), Store::Pupils);
     }
 }
