@@ -66,6 +66,13 @@ impl FilmPixels {
         transposed(&columns, m)
     }
 
+    /// The shares scaled to the sum 1: a kernel.
+    pub fn kernel(&self, psf: &[f32]) -> Vec<f32> {
+        let shares = self.integrate(psf);
+        let sum: f64 = shares.iter().sum();
+        shares.iter().map(|v| (v / sum) as f32).collect()
+    }
+
     /// Integrates the columns of `from`, `width` of them.
     fn integrate_columns<T: Copy + Into<f64>>(&self, from: &[T], width: usize) -> Vec<f64> {
         let mut to = vec![0.0; self.rows.len() * width];

@@ -91,10 +91,10 @@ impl FilmSamples {
                 sample: PsfSample::Point,
                 samples,
             };
-            let all = kernel(&of_all, &stack);
+            let all = of_all.kernel(&stack.samples);
             let of = |(step, pixels): (&KernelSamples, &FilmPixels)| {
                 let Ok(reduced) = step.read(1, 1, |_| Ok::<_, Infallible>(stack.clone()));
-                Difference::of(&kernel(pixels, &reduced), &all).l1
+                Difference::of(&pixels.kernel(&reduced.samples), &all).l1
             };
             self.steps.iter().zip(&of_steps).map(of).collect()
         };
@@ -185,13 +185,6 @@ impl<'s> Steps<'s> {
         }
         Ok(self.losses.as_deref().unwrap_or_default())
     }
-}
-
-/// The kernel of sum 1 of the PSF of `stack`.
-fn kernel(pixels: &FilmPixels, stack: &PsfStack) -> Vec<f32> {
-    let shares = pixels.integrate(&stack.samples);
-    let sum: f64 = shares.iter().sum();
-    shares.iter().map(|v| (v / sum) as f32).collect()
 }
 
 #[cfg(test)]

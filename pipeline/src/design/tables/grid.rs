@@ -61,8 +61,6 @@ pub(crate) struct Chosen {
     inner_cells: Option<Vec<Difference>>,
     /// Heights that the samples of PSFs allow, if they are chosen.
     allowed_heights: Option<usize>,
-    /// Samples a film pixel that films make kernels from, if they are fewer than by default.
-    pub(crate) stated_per_pixel: Option<f64>,
 }
 
 impl Chosen {
@@ -85,15 +83,13 @@ pub(super) fn choose(
         PsfHeights::Given(h) => Some(h.clone()),
         PsfHeights::ByError => None,
     };
-    let with_axis =
-        |heights: Vec<f64>, azimuths: Vec<usize>, error, (cells, inner_cells), stated_per_pixel| {
-            let azimuths =
-                azimuths.into_iter().enumerate().map(|(k, j)| if k == 0 { 1 } else { j }).collect();
-            let allowed_heights = given.is_none().then(|| samples.most(options));
-            Chosen { heights, azimuths, error, cells, inner_cells, allowed_heights, stated_per_pixel }
-        };
+    let with_axis = |heights: Vec<f64>, azimuths: Vec<usize>, error, (cells, inner_cells)| {
+        let azimuths = azimuths.into_iter().enumerate().map(|(k, j)| if k == 0 { 1 } else { j }).collect();
+        let allowed_heights = given.is_none().then(|| samples.most(options));
+        Chosen { heights, azimuths, error, cells, inner_cells, allowed_heights }
+    };
     if let (Some(heights), Azimuths::Given(j)) = (&given, options.azimuths) {
-        return Ok(with_axis(heights.clone(), vec![j; heights.len()], None, (Vec::new(), None), None));
+        return Ok(with_axis(heights.clone(), vec![j; heights.len()], None, (Vec::new(), None)));
     }
     let tolerance = GRID_SHARE * options.psf_tolerance;
     let part = 0.5 * tolerance;
@@ -185,8 +181,7 @@ pub(super) fn choose(
         };
         cells.iter().enumerate().map(inner).collect()
     });
-    let stated = samples.stated(heights.len(), options).filter(|_| given.is_none());
-    Ok(with_axis(heights, azimuths, Some(error), (cells, inner_cells), stated))
+    Ok(with_axis(heights, azimuths, Some(error), (cells, inner_cells)))
 }
 
 /// The nodes `other` of a neighbouring wavelength with their error here, estimated from a few cells; none if it exceeds the tolerance and the
@@ -389,7 +384,6 @@ mod tests {
             cells: vec![Difference { l1: worst, esf: 0.0 }],
             inner_cells: None,
             allowed_heights,
-            stated_per_pixel: None,
         };
         assert!(nodes(0.03, Some(65)).is_limited_beside(88, &options));
         assert!(!nodes(0.03, Some(65)).is_limited_beside(80, &options), "hardly more heights");

@@ -138,11 +138,7 @@ impl<'a> Kernels<'a> {
         buffers: &mut (PsfScratch, Vec<f32>),
     ) -> Vec<Vec<f32>> {
         let mut kernels = Vec::new();
-        self.grid.rotations(pupil, azimuths, buffers, |psf| {
-            let kernel = self.film.integrate(psf);
-            let sum: f64 = kernel.iter().sum();
-            kernels.push(kernel.iter().map(|v| (v / sum) as f32).collect());
-        });
+        self.grid.rotations(pupil, azimuths, buffers, |psf| kernels.push(self.film.kernel(psf)));
         kernels
     }
 

@@ -267,6 +267,10 @@ impl<'a> LensTrace<'a> {
         };
         let mut sampled = self.sampled(&tracer, &mut report_step)?;
         let chosen = choose(&mut sampled, &mut report_step)?;
+        let stated = match options.heights {
+            PsfHeights::ByError => sampled.film_samples.stated(chosen.heights.len(), &self.node_options()),
+            PsfHeights::Given(_) => None,
+        };
         if let Some((tracers, _)) = &of_band {
             report_step("window of the band", 0);
             let own = BandSampling { pitch_um: sampled.grid.pitch_um(), window_px: sampled.window_px };
@@ -330,7 +334,7 @@ impl<'a> LensTrace<'a> {
             azimuth_count: chosen.azimuths,
             psf_size: grid.size(),
             psf_pitch_um: grid.pitch_um(),
-            kernel_pitch_um: chosen.stated_per_pixel.map(|samples| options.film_pitch_um / samples),
+            kernel_pitch_um: stated.map(|per_pixel| options.film_pitch_um / per_pixel),
             psf_energy: stack.1,
             solid_angle_sr: light[0] / transmission,
             transmission,
@@ -366,11 +370,7 @@ impl<'a> LensTrace<'a> {
         let found = grid::adopt(&mut kernels, pupils, allowed, other, report)?;
         let most = film_samples.most(&options);
         let fits = |nodes: &Chosen| nodes.heights.len() <= most && !nodes.is_limited_beside(most, &options);
-        let mut found = found.filter(|nodes| self.has_base_nodes || fits(nodes));
-        if let (Some(nodes), PsfHeights::ByError) = (&mut found, &options.heights) {
-            nodes.stated_per_pixel = film_samples.stated(nodes.heights.len(), &options);
-        }
-        Ok(found)
+        Ok(found.filter(|nodes| self.has_base_nodes || fits(nodes)))
     }
 }
 

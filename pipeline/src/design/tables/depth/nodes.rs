@@ -366,9 +366,7 @@ impl<'a> Kernels<'a> {
             .map(|height| {
                 let pupil = PupilFunction::trace(&tracer, tracer.field_of_height(*height)?)?;
                 grid.psf_into(&pupil, 0.0, &mut scratch, &mut psf);
-                let kernel = pixels.integrate(&psf);
-                let sum: f64 = kernel.iter().sum();
-                Ok(kernel.iter().map(|v| (v / sum) as f32).collect())
+                Ok(pixels.kernel(&psf))
             })
             .collect()
     }
