@@ -4,7 +4,7 @@
 use std::path::Path;
 
 use object_store::Error;
-use object_store::client::HttpError;
+use object_store::client::{HttpError, HttpErrorKind};
 
 use super::super::error::DurableError;
 
@@ -39,10 +39,23 @@ pub(super) fn is_missing_bucket(error: &AnyError) -> bool {
     texts(error).any(|text| text.contains("<Code>NoSuchBucket</Code>"))
 }
 
-/// Whether a response was interrupted, as opposed to no response after all repetitions of the request.
+/// Whether a response was interrupted, and the client has not repeated the request as often as it may: it repeats requests without
+/// a response, but not those whose error document (of a missing object, say) is interrupted.
 pub(super) fn is_interrupted(error: &Error) -> bool {
-    let transport = causes(error).any(|e| e.is::<HttpError>());
-    transport && !texts(error).any(|text| text.starts_with("Error performing"))
+    let Some(transport) = causes(error).find_map(|e| e.downcast_ref::<HttpError>()) else { return false };
+    match texts(error).find(|text| text.starts_with("Error performing")).map(|text| repetitions(&text)) {
+        None => true,
+        Some(Some((repeated, allowed))) => repeated < allowed,
+        Some(None) => !matches!(transport.kind(), HttpErrorKind::Connect | HttpErrorKind::Timeout),
+    }
+}
+
+/// How often the client repeated a request, and how often it may, where it did.
+fn repetitions(text: &str) -> Option<(usize, usize)> {
+    let (_, after) = text.split_once(", after ")?;
+    let (repeated, after) = after.split_once(" retries, max_retries: ")?;
+    let (allowed, _) = after.split_once(',')?;
+    Some((repeated.parse().ok()?, allowed.parse().ok()?))
 }
 
 /// The text of an element of the response's XML.

@@ -1,3 +1,5 @@
+use std::io::{Read, Write};
+
 use super::super::url::check_url;
 use super::*;
 
@@ -98,4 +100,35 @@ fn malformed_address_is_an_error_and_no_panic() {
         assert!(message.contains(expected) && !message.contains('\n'), "{url:?}: {message}");
         assert!(check_url(url).is_err(), "{url:?}");
     }
+}
+
+/// A web server that sends the first `interrupted` of its responses, each of a missing object, incompletely.
+fn server_of_nothing(interrupted: usize) -> (String, std::thread::JoinHandle<usize>) {
+    let listener = std::net::TcpListener::bind("127.0.0.1:0").unwrap();
+    let url = format!("http://{}/x.zarr", listener.local_addr().unwrap());
+    let server = std::thread::spawn(move || {
+        let mut requests = 0;
+        loop {
+            let (mut stream, _) = listener.accept().unwrap();
+            requests += 1;
+            let mut request = [0; 4096];
+            assert!(stream.read(&mut request).unwrap() > 0);
+            let (sent, last) =
+                (if requests <= interrupted { "not" } else { "not found" }, requests > interrupted);
+            let head = "HTTP/1.1 404 Not Found\r\nContent-Length: 9\r\nConnection: close\r\n\r\n";
+            stream.write_all(format!("{head}{sent}").as_bytes()).unwrap();
+            if last {
+                return requests;
+            }
+        }
+    });
+    (url, server)
+}
+
+#[test]
+fn missing_object_is_missing_although_the_response_was_interrupted() {
+    let (url, server) = server_of_nothing(2);
+    let objects = Objects::at(Path::new(&url)).unwrap();
+    assert_eq!(objects.read_at_most("a", 100).unwrap(), None);
+    assert_eq!(server.join().unwrap(), 3);
 }
