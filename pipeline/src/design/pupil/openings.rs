@@ -307,7 +307,10 @@ impl Domain<'_> {
             .collect();
         let mut from = 0.0;
         let mut close = |to: f64, limit: Option<usize>| {
-            segments.push(Segment { from, to, limit, centre: self.centre, across: 0.0, sign });
+            // Of a surface that limits the rim at π alone there is nothing.
+            if to > from {
+                segments.push(Segment { from, to, limit, centre: self.centre, across: 0.0, sign });
+            }
             from = to;
         };
         for i in 1..SCAN {
@@ -363,5 +366,25 @@ impl Domain<'_> {
         let along = |r: f64| (self.over)(self.centre + r * c, r * s);
         let edge = self.unit_circle(theta);
         zero(&along, (0.0, edge), near.min(edge), None, tolerance)
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn a_rim_that_ends_at_the_meridian_has_no_segment() {
+        // Surface 2 limits next to π alone, nearer than corners are found.
+        for width in [1e-7, 1e-2] {
+            let over = |p: f64, q: f64| (p * p + q * q - 0.81, if p < 0.0 && q < width { 2 } else { 1 });
+            let pupil = Pupil::within(Openings { over: Some(&over), hidden: None }).unwrap();
+            let found: Vec<(Option<usize>, f64)> = pupil.segments.iter().map(|s| (s.limit, s.to)).collect();
+            match width < 1e-6 {
+                true => assert_eq!(found, [(Some(1), PI)]),
+                false => assert!(found.len() == 2 && found[1] == (Some(2), PI), "{found:?}"),
+            }
+            assert!(pupil.segments.iter().all(|s| s.from < s.to));
+        }
     }
 }
