@@ -122,7 +122,7 @@ pub fn numerical_aperture(tracer: &Tracer<'_>) -> Result<f64, DesignError> {
 }
 
 /// Maximum error of interpolated values of the table, relative to the axis.
-const TABLE_TOLERANCE: f64 = 1e-6;
+const TABLE_TOLERANCE: f64 = 1e-5;
 /// Spacing of the values computed first.
 const STRIDE: usize = 32;
 

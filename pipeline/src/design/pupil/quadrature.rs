@@ -63,27 +63,42 @@ pub(super) fn rounded(nodes: usize) -> usize {
     nodes.next_multiple_of(if nodes < 128 { 4 } else { 16 })
 }
 
+/// Zeros that are searched together.
+const ZEROS: usize = 8;
+
 fn gauss_legendre(n: usize) -> Vec<(f64, f64)> {
     let mut out = vec![(0.5, 1.0); n];
-    for i in 0..n.div_ceil(2) {
-        let mut x = real::cos(PI * (i as f64 + 0.75) / (n as f64 + 0.5));
-        let mut slope = 1.0;
+    // P_{k+1} = a_k x P_k − b_k P_{k−1}
+    let recurrence: Vec<[f64; 2]> =
+        (0..n).map(|k| k as f64).map(|k| [(2.0 * k + 1.0) / (k + 1.0), k / (k + 1.0)]).collect();
+    for first in (0..n.div_ceil(2)).step_by(ZEROS) {
+        let mut x: [f64; ZEROS] = std::array::from_fn(|i| {
+            real::cos(PI * ((first + i).min(n / 2) as f64 + 0.75) / (n as f64 + 0.5))
+        });
+        let mut slope = [1.0; ZEROS];
         for _ in 0..100 {
-            let (mut p, mut before) = (1.0, 0.0);
-            for k in 0..n {
-                let k = k as f64;
-                (p, before) = (((2.0 * k + 1.0) * x * p - k * before) / (k + 1.0), p);
+            let (mut p, mut before) = ([1.0; ZEROS], [0.0; ZEROS]);
+            for [a, b] in &recurrence {
+                for i in 0..ZEROS {
+                    (p[i], before[i]) = (a * x[i] * p[i] - b * before[i], p[i]);
+                }
             }
-            slope = n as f64 * (x * p - before) / (x * x - 1.0);
-            let step = p / slope;
-            x -= step;
-            if step.abs() < 1e-15 {
+            let mut largest = 0.0_f64;
+            for i in 0..ZEROS {
+                slope[i] = n as f64 * (x[i] * p[i] - before[i]) / (x[i] * x[i] - 1.0);
+                let step = p[i] / slope[i];
+                x[i] -= step;
+                largest = largest.max(step.abs());
+            }
+            if largest < 1e-15 {
                 break;
             }
         }
-        let w = 1.0 / ((1.0 - x * x) * slope * slope);
-        out[i] = (0.5 - 0.5 * x, w);
-        out[n - 1 - i] = (0.5 + 0.5 * x, w);
+        for (i, (x, slope)) in (first..n.div_ceil(2)).zip(x.into_iter().zip(slope)) {
+            let w = 1.0 / ((1.0 - x * x) * slope * slope);
+            out[i] = (0.5 - 0.5 * x, w);
+            out[n - 1 - i] = (0.5 + 0.5 * x, w);
+        }
     }
     out
 }
