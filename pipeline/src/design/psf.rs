@@ -7,6 +7,7 @@ pub(super) mod huygens;
 pub(super) mod middle;
 pub mod nufft;
 pub mod pupil_stack;
+mod spreading;
 pub(in crate::design) mod squares;
 pub(super) mod tails;
 mod wavelets;

@@ -18,7 +18,7 @@ use std::f64::consts::TAU;
 
 use rustfft::num_complex::Complex;
 
-use super::nufft::{Nufft, NufftScratch, Point};
+use super::nufft::{Accuracy, Nufft, NufftScratch, Point};
 use super::wavelets::Wavelet;
 use crate::design::pupil::function::PupilFunction;
 use crate::real;
@@ -28,6 +28,8 @@ use crate::real;
 pub struct PsfGrid {
     nufft: Nufft,
     pitch_um: f64,
+    /// Wavelength of the light over that of the pupil functions: more than 1 for light of a longer wavelength with the same paths.
+    longer: f64,
 }
 
 /// Buffers of one worker.
@@ -40,7 +42,12 @@ pub struct PsfScratch {
 impl PsfGrid {
     /// Windows of `2·half + 1` samples of `pitch_um`.
     pub fn new(half: usize, pitch_um: f64) -> Self {
-        Self { nufft: Nufft::new(half), pitch_um }
+        Self { nufft: Nufft::new(half, Accuracy::Film), pitch_um, longer: 1.0 }
+    }
+
+    /// The same for PSFs whose light or kernels are compared, not kept, of light whose wavelength is `longer` times that of the pupil functions.
+    pub(in crate::design) fn for_comparison(half: usize, pitch_um: f64, longer: f64) -> Self {
+        Self { nufft: Nufft::new(half, Accuracy::Comparison), pitch_um, longer }
     }
 
     /// Samples per side.
@@ -57,8 +64,18 @@ impl PsfGrid {
     /// of the pupil.
     pub(in crate::design) fn work(&self, f: &PupilFunction) -> f64 {
         let mut wavelets = Vec::new();
-        f.wavelets_into(self.reach_um(), &mut wavelets);
+        self.wavelets_into(f, 0.0, &mut wavelets);
         self.size().pow(2) as f64 + 17.5 * wavelets.len() as f64
+    }
+
+    /// Wavelength of the light of `f`, µm.
+    fn wavelength_um(&self, f: &PupilFunction) -> f64 {
+        self.longer * f.wavelength_um
+    }
+
+    /// The wavelets of `f` for samples that are up to `farther_um` from the window.
+    fn wavelets_into(&self, f: &PupilFunction, farther_um: f64, out: &mut Vec<Wavelet>) {
+        f.wavelets_into(self.reach_um() + farther_um, self.wavelength_um(f), out);
     }
 
     /// Half a side of the window, µm.
@@ -81,7 +98,7 @@ impl PsfGrid {
         scratch: &mut PsfScratch,
         out: &mut Vec<f32>,
     ) {
-        f.wavelets_into(self.reach_um(), &mut scratch.wavelets);
+        self.wavelets_into(f, 0.0, &mut scratch.wavelets);
         self.sum(f, azimuth_rad, scratch, out);
     }
 
@@ -93,7 +110,7 @@ impl PsfGrid {
         (scratch, psf): &mut (PsfScratch, Vec<f32>),
         mut each: impl FnMut(&[f32]),
     ) {
-        f.wavelets_into(self.reach_um(), &mut scratch.wavelets);
+        self.wavelets_into(f, 0.0, &mut scratch.wavelets);
         for azimuth_rad in azimuths_rad {
             self.sum(f, azimuth_rad, scratch, psf);
             each(psf);
@@ -108,9 +125,9 @@ impl PsfGrid {
         scratch: &mut PsfScratch,
         out: &mut Vec<f32>,
     ) -> bool {
-        f.wavelets_into(self.reach_um(), &mut scratch.wavelets);
+        self.wavelets_into(f, 0.0, &mut scratch.wavelets);
         let most = scratch.wavelets.iter().fold(0.0_f64, |most, w| most.max(w.l.abs()).max(w.m.abs()));
-        let is_resolved = 2.0 * self.pitch_um * most <= 1.02 * f.wavelength_um;
+        let is_resolved = 2.0 * self.pitch_um * most <= 1.02 * self.wavelength_um(f);
         if is_resolved {
             self.sum(f, 0.0, scratch, out);
         }
@@ -125,9 +142,9 @@ impl PsfGrid {
         scratch: &mut PsfScratch,
         out: &mut Vec<f32>,
     ) {
-        let k = TAU / f.wavelength_um;
+        let k = TAU / self.wavelength_um(f);
         // The samples see the pupil from this much farther.
-        f.wavelets_into(self.reach_um() + shift_um.abs(), &mut scratch.wavelets);
+        self.wavelets_into(f, shift_um.abs(), &mut scratch.wavelets);
         for wavelet in &mut scratch.wavelets {
             let (sin, cos) = real::sin_cos(-k * wavelet.l * shift_um);
             wavelet.c *= Complex::new(cos, sin);
@@ -138,7 +155,7 @@ impl PsfGrid {
     /// The PSF of the wavelets of `f` in `scratch`, rotated by `azimuth_rad`, into `out`.
     fn sum(&self, f: &PupilFunction, azimuth_rad: f64, scratch: &mut PsfScratch, out: &mut Vec<f32>) {
         let PsfScratch { wavelets, sum } = scratch;
-        let (scale, share) = (self.pitch_um / f.wavelength_um, f.share(self.pitch_um));
+        let (scale, share) = (self.pitch_um / self.wavelength_um(f), f.share(self.pitch_um / self.longer));
         let point = |l: f64, m: f64, c| Point { s: l * scale, t: m * scale, c };
         if azimuth_rad == 0.0 {
             // Without rotation the two halves of a symmetric pupil are mirror images, and one is enough.

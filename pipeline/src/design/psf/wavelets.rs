@@ -54,9 +54,9 @@ struct Spokes {
 }
 
 impl PupilFunction {
-    /// Wavelets dense enough for a window of ± `reach_um` in x and y, of the part of the pupil that this function has, into `out`.
-    pub(super) fn wavelets_into(&self, reach_um: f64, out: &mut Vec<Wavelet>) {
-        let (simd, k) = (Simd::detect(), 2.0 * PI / self.wavelength_um);
+    /// Wavelets of light of `wavelength_um` dense enough for a window of ± `reach_um` in x and y, of the part of the pupil that this function has, into `out`.
+    pub(super) fn wavelets_into(&self, reach_um: f64, wavelength_um: f64, out: &mut Vec<Wavelet>) {
+        let (simd, k) = (Simd::detect(), 2.0 * PI / wavelength_um);
         let corner = std::f64::consts::SQRT_2 * reach_um;
         let middle = self.extent.map(|(least, most)| 0.5 * (least + most));
         out.clear();
@@ -75,7 +75,7 @@ impl PupilFunction {
                     let rho = from + (to - from) * share;
                     let weight = (to - from) * weight * rho;
                     spokes.prepare(patch, along_theta * rho);
-                    spokes.interpolate(simd, patch, &to_ring.weights(rho), self.wavelength_um);
+                    spokes.interpolate(simd, patch, &to_ring.weights(rho), wavelength_um);
                     let angles = spokes.weights.chunks(ANGLES).zip(&spokes.values);
                     out.extend(angles.flat_map(|(weights, [l, m, re, im])| {
                         weights.iter().enumerate().map(move |(i, weight_in_theta)| Wavelet {

@@ -11,7 +11,7 @@ use crate::design::rays::ray::Tracer;
 /// The wavelets of the whole pupil of `f`, rotated by `azimuth_rad`.
 fn rotated(f: &PupilFunction, reach_um: f64, azimuth_rad: f64) -> Vec<Wavelet> {
     let mut part = Vec::new();
-    f.wavelets_into(reach_um, &mut part);
+    f.wavelets_into(reach_um, f.wavelength_um, &mut part);
     let (sin, cos) = crate::real::sin_cos(azimuth_rad);
     let signs: &[f64] = if f.is_whole { &[1.0] } else { &[1.0, -1.0] };
     let turned = |w: &Wavelet, m: f64| Wavelet { l: w.l * cos - m * sin, m: w.l * sin + m * cos, ..*w };
