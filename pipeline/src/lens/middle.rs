@@ -14,7 +14,7 @@
 use std::sync::Arc;
 
 /// Share of half a window up to which the core is the whole PSF.
-const WHOLE: f64 = 0.4;
+pub const WHOLE: f64 = 0.4;
 
 /// Middle parts of the PSFs of a band.
 #[derive(Clone, Debug, PartialEq)]

@@ -10,7 +10,8 @@
 //! C/r³ is the mean light that the edge of the pupil diffracts, I_rays the density of rays on the film. e = 1 and s ≤ 1 the factor with which the light of all is 1; where s = 1 is too
 //! little, e is above 1, up to 1.5. What then is missing, below 1e-3, is in the core. Rays are poor near their caustics, whose light waves have farther inside.
 //! The samples of the Huygens sum are up to 1.8 times as far apart as those of the PSFs: what they alias then, the light at frequencies near the limit of diffraction, comes to lie at
-//! frequencies that the sums over samples of the middle part hardly have.
+//! frequencies that the sums over samples of the middle part hardly have. Where samples of the middle part are wide, the sum is that of light of twice the wavelength
+//! with the same paths, which takes a quarter of the points: what rays do is the same, and its C, with which T is subtracted, twice as large.
 //! Images are widened by weights of ¼, ½, ¼ along both axes, so that the spline between samples and the bins have no ringing at the border of the blur.
 //!
 //! A ray has the light of its cell of the pupil, which lands on a parallelogram: by derivatives of the landing place by the pupil coordinates.
@@ -24,7 +25,7 @@ use crate::design::pupil::bundle::Bundle;
 use crate::design::pupil::edge::Edge;
 use crate::design::pupil::pupils::Pupils;
 use crate::design::rays::ray::{ImageRay, Tracer};
-use crate::lens::middle::{Middle, core_share};
+use crate::lens::middle::{Middle, WHOLE, core_share};
 use crate::lens::tail::{BandTail, Coefficients, ORDERS, TERMS, light, radial};
 
 /// Samples a side of the middle part.
@@ -37,6 +38,10 @@ const LARGEST: f64 = 8.0;
 const MAX_HALF: usize = 900;
 /// Samples of the Huygens sum along a sample of the middle part, at least: with 3.3 half planes through a caustic had errors of 7e-3 of white.
 const LEAST_PLACES: f64 = 6.0;
+/// Wavelength of the light of the Huygens sum over that of the band, and the sample of the middle part over the Nyquist pitch from which on it is not 1: what the
+/// longer waves blur more is then well below such a sample.
+const LONGER: f64 = 2.0;
+const LONGER_STEP: f64 = 9.0;
 /// Rays of a height, along and around the pupil.
 const RAYS: (usize, usize) = (24, 40);
 /// Factor of the edge's light at most.
@@ -81,8 +86,11 @@ fn tail_with_middle(
     }
     let half = ((radius_um / pitch_um).ceil() as usize).min(max_half).max(window / 2);
     let step_um = 2.0 * radius_um / SAMPLES as f64;
-    let coarser = (step_um / (LEAST_PLACES * pitch_um)).clamp(1.0, COARSER);
-    let grid = PsfGrid::new((half as f64 / coarser).ceil() as usize, coarser * pitch_um);
+    let nyquist_um = heights.iter().map(|h| pupils.at(*h).nyquist_um()).fold(f64::INFINITY, f64::min);
+    let longer = if step_um >= LONGER_STEP * nyquist_um { LONGER } else { 1.0 };
+    let coarser = (step_um / (LEAST_PLACES * pitch_um)).clamp(1.0, longer * COARSER);
+    let half = (half as f64 / coarser).ceil() as usize;
+    let grid = PsfGrid::for_comparison(half, coarser * pitch_um, longer);
     let at_height = |(h, edge): (&f64, &Edge)| {
         let mut psf = Vec::new();
         grid.psf_into(pupils.at(*h), 0.0, &mut PsfScratch::default(), &mut psf);
@@ -93,6 +101,7 @@ fn tail_with_middle(
             window_mm: 1e-3 * half_um,
             half_mm: 0.5e-3 * grid.size() as f64 * pitch_um,
             radius_mm: 1e-3 * radius_um,
+            longer,
         };
         let bundle = match part.half_mm < part.radius_mm {
             true => Some(Bundle::trace(tracer, tracer.field_of_height(*h)?, RAYS.0, RAYS.1)?),
@@ -117,6 +126,8 @@ struct Part {
     half_mm: f64,
     /// R.
     radius_mm: f64,
+    /// Wavelength of the light of the Huygens sum over that of the band, and so its C over that of T.
+    longer: f64,
 }
 
 impl Part {
@@ -125,8 +136,11 @@ impl Part {
         let step = 2.0 * self.radius_mm / SAMPLES as f64;
         let mut image = vec![0.0; SAMPLES * SAMPLES];
         // All that is left for the light beyond.
-        let beyond = 1.0 - self.add_psf(psf, grid, step, &mut image) - light(&self.c, self.radius_mm);
-        let Some(bundle) = bundle else { return widened(&image) };
+        let of_tail = light(&self.c, self.radius_mm);
+        let beyond = 1.0 - self.add_psf(psf, grid, step, &mut image) - self.longer * of_tail;
+        // Longer waves leave that much less within R.
+        let scale = (1.0 - of_tail) / (1.0 - self.longer * of_tail);
+        let Some(bundle) = bundle else { return widened(&image, scale) };
         let (mut rays, mut all) = (vec![0.0; SAMPLES * SAMPLES], 0.0);
         for (weight, ray) in &bundle.rays {
             all += 2.0 * weight * ray.flux / ray.n;
@@ -142,7 +156,8 @@ impl Part {
             }
         };
         let edge: Vec<f64> = (0..rays.len()).map(edge).collect();
-        let (of_edge, of_rays) = (edge.iter().sum::<f64>(), rays.iter().sum::<f64>() / all);
+        let of_edge = self.longer * edge.iter().sum::<f64>();
+        let of_rays = rays.iter().sum::<f64>() / all;
         // Shares of parts without light are 0.
         let share = |light: f64, of: f64| if of > 0.0 { (light / of).max(0.0) } else { 0.0 };
         let s = share(beyond - of_edge, of_rays).min(1.0);
@@ -150,7 +165,7 @@ impl Part {
         for (to, (edge, rays)) in image.iter_mut().zip(edge.iter().zip(&rays)) {
             *to += e * edge + s / all * rays;
         }
-        widened(&image)
+        widened(&image, scale)
     }
 
     /// Adds (1 − τ) (p − T) of the samples up to R; Σ (p − T). Both are symmetric about the meridian: samples of the lower half are added with those of the upper, to both.
@@ -158,7 +173,17 @@ impl Part {
         let (n, pitch) = (grid.size(), 1e-3 * grid.pitch_um());
         let centre = n / 2;
         let place = |i: usize| (i as f64 - centre as f64) * pitch;
-        let tail = |r: f64| self.c[0][0] * radial(r, self.radius_mm, 0, 0) * pitch * pitch;
+        // T below R, a parabola of r: from the values at 0 and at R.
+        let [axis, rim] = [0.0, self.radius_mm].map(|r| self.c[0][0] * radial(r, self.radius_mm, 0, 0));
+        let radius_squared = self.radius_mm.powi(2);
+        let area = self.longer * pitch * pitch;
+        let (axis, slope) = (axis * area, (axis - rim) * area / radius_squared);
+        let tail = |r_squared: f64| match r_squared < radius_squared {
+            true => axis - slope * r_squared,
+            false => self.c[0][0] * area / (r_squared * r_squared.sqrt()),
+        };
+        // The core has all light up to there.
+        let of_core = (WHOLE * self.window_mm).powi(2);
         let mut half = vec![0.0; SAMPLES * SAMPLES];
         let mut sum = 0.0;
         for row in centre..n {
@@ -168,11 +193,14 @@ impl Part {
             let y = place(row);
             for (column, (a, b)) in above.iter().zip(below).enumerate() {
                 let x = place(column);
-                let r = (x * x + y * y).sqrt();
-                let rest = share_of_row * (f64::from(*a) + f64::from(*b) - 2.0 * tail(r));
+                let r_squared = x * x + y * y;
+                let rest = share_of_row * (f64::from(*a) + f64::from(*b) - 2.0 * tail(r_squared));
                 sum += 2.0 * rest;
-                let share = 1.0 - core_share(r, self.window_mm);
-                if share > 0.0 && r < self.radius_mm {
+                if r_squared <= of_core || r_squared >= radius_squared {
+                    continue;
+                }
+                let share = 1.0 - core_share(r_squared.sqrt(), self.window_mm);
+                if share > 0.0 {
                     add(x / step, y / step, share * rest, &mut half);
                 }
             }
@@ -211,8 +239,8 @@ impl Part {
     }
 }
 
-/// `image` with weights of ¼, ½, ¼ along both axes.
-fn widened(image: &[f64]) -> Vec<f32> {
+/// `image` times `scale` with weights of ¼, ½, ¼ along both axes.
+fn widened(image: &[f64], scale: f64) -> Vec<f32> {
     let at = |row: usize, column: usize| match row < SAMPLES && column < SAMPLES {
         true => image[row * SAMPLES + column],
         false => 0.0,
@@ -225,7 +253,7 @@ fn widened(image: &[f64]) -> Vec<f32> {
             .flat_map(|(row, v)| columns.iter().map(move |(column, u)| v * u * at(*row, *column)))
             .sum()
     };
-    (0..image.len()).map(|i| value(i) as f32).collect()
+    (0..image.len()).map(|i| (scale * value(i)) as f32).collect()
 }
 
 /// Adds `light` to the four samples about (x, y), in samples from the centre; none beyond the border.
