@@ -1,6 +1,7 @@
 //! The tables of a band of a [`crate::lens::Lens`]: window chosen by energy, heights and azimuths by error; and those of depth nodes.
 
 mod band_mean;
+mod cells;
 mod dense;
 pub mod depth;
 pub(in crate::design) mod difference;

@@ -223,4 +223,32 @@ mod tests {
         let losses = FilmSamples::new((605, 1.0 / 3.0), 2.0, false).losses(&mut pupils, 10.0).unwrap();
         assert!(losses.len() == 4 && losses.is_sorted());
     }
+
+    #[test]
+    fn the_step_of_the_least_error_of_nodes_and_samples_is_chosen() {
+        let options = TraceOptions::new(vec![400.0], 10.0);
+        // 19, 34, 77 or 105 PSFs, of a lens that needs 200.
+        let samples = FilmSamples::new((2261, 1.0 / 3.0), 2.0, false);
+        let probes = vec![5.0, 10.0];
+        let same = |value: f64| [vec![value; 2], vec![value; 2]];
+        let (azimuths, spacing) = (same(40.0), Some(same(0.05)));
+        let placement = Placement { options: &options, last_mm: 10.0, probes, azimuths, spacing };
+        let system = System::double_gauss_28();
+        let tracer = Tracer::new(&system, 0.4).unwrap();
+        let mut pupils = Pupils::new(&tracer, &[0.0]).unwrap();
+        // Chosen step, its PSFs, and what is next if the nodes of more PSFs gain so much.
+        let mut steps = |losses: [f64; 4], gain: f64| {
+            let losses = Some(losses.to_vec());
+            let mut steps = Steps { losses, ..Steps::new(&samples, 10.0, &options, usize::MAX) };
+            let found = steps.least_error(&placement, 0.008, &mut pupils, &mut |_, _| ()).unwrap();
+            let chosen = steps.chosen;
+            let next = steps.further(gain, &mut pupils, &mut |_, _| ()).unwrap();
+            (chosen, found.budget.heights, next)
+        };
+        assert_eq!(steps([0.0; 4], 1.0), (3, 105, None));
+        assert_eq!(steps([0.0, 0.01, 0.02, 0.9], 1.0), (2, 77, Some(105)));
+        assert_eq!(steps([0.0, 0.01, 0.02, 0.9], 0.8), (2, 77, None), "samples would lose 0.88 more");
+        assert_eq!(steps([0.0, 0.01, 0.9, 0.9], 0.8), (1, 34, None));
+        assert_eq!(steps([0.0, 9.0, 9.0, 9.0], 9.5), (0, 19, Some(34)));
+    }
 }

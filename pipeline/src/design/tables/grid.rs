@@ -4,28 +4,25 @@
 //! the error is e_r ≈ C_r (Δr/2)², between two azimuths e_θ ≈ C_θ (π/J)², both for the L1 norm over the film's pixels and for edges ([`super::difference`]), each
 //! of which has its tolerance; kernels have the sum 1.
 //! The number of nodes, Σ J_k, is minimal when both have an equal part of the tolerance. So: measure C_r and C_θ at probing
-//! heights, place nodes accordingly, then compare the kernel at the centre of every cell (half-way in r, and half-way in θ on both
-//! heights: the worst place) with the one traced there; split or refine the cells above the tolerance. The maximum error at
-//! cell centres is recorded as the bound. Of many cells a part is measured: errors change slowly with height, and are linear between the measured cells.
+//! heights, place nodes accordingly, then compare the kernel at the centre of every cell ([`super::cells`]) with the one traced
+//! there; split or refine the cells above the tolerance. The maximum error at
+//! cell centres is recorded as the bound.
 //! Budget: if the tolerances need more than a sixth of `max_nodes` nodes, or more samples or PSFs than go with them ([`super::refine`]), spacings grow by a common
 //! factor until they fit, which keeps the error equal over the field and so its maximum minimal. The factor is at most [`TraceOptions::excess`], unless that needs
 //! more than `max_nodes`; edges keep their tolerance up to it, and yield first where no further nodes are allowed (lenses as built and others of many PSFs). Then
 //! the cells of the largest errors are refined as far as the budget allows. Where samples or PSFs limit the heights, azimuths, which need neither, keep up to a
 //! quarter of the error ([`super::relaxation`]).
-//! Kernels are compared in the core of the window, or mostly in its inner part ([`super::kernels`]).
+//! Kernels are compared in the core of the window, or mostly in its inner part ([`super::kernels`]); where that is wide, at fewer heights and cells.
 //! Neighbouring wavelengths need nearly the same nodes: [`adopt`] takes those of another one if a few cells, measured at both, agree.
 //! Rotated PSFs are exact here (the pupil is rotated, not the image); the film's kernels have an additional rotation error.
 
-use std::f64::consts::PI;
-
-use rayon::prelude::*;
-
+use super::cells::{Ratio, cells_to_measure, check, middle, of_all_cells, ratio_of_largest, totals};
 use super::difference::{Difference, ESF_SHARE};
 use super::film_samples::{FilmSamples, Steps};
-use super::kernels::{Compared, Kernels, mean};
+use super::kernels::Compared;
 use super::options::{Azimuths, PsfHeights, TraceOptions};
 use super::placement::Placement;
-use super::probing::{COMPARED, LEAST_ERROR, azimuths_needed, between, evenly, spacing_allowed};
+use super::probing::{azimuths_needed, spacing_allowed};
 use super::refine::{ALL, CellError, MIN_PSFS, NodeError, Refinement, max_psfs, summary};
 use crate::design::prescription::error::DesignError;
 use crate::design::pupil::pupils::Pupils;
@@ -35,11 +32,14 @@ use crate::design::pupil::pupils::Pupils;
 const GRID_SHARE: f64 = 0.8;
 /// Numbers of probing heights, and how many PSFs for each the budget must allow.
 const PROBES: [(usize, usize); 3] = [(12, 20), (6, 16), (3, 0)];
+/// Most probing heights where the inner part of the core is wide itself.
+const WIDE_PROBES: usize = 6;
 /// Maximum of rounds of checking and refining.
 const MAX_ROUNDS: usize = 6;
 
-/// Cells from which on a part of them is measured, about so many at a time.
+/// Cells from which on a part of them is measured, about so many at a time, and where the inner part of the core is wide itself.
 const MEASURED_CELLS: usize = 24;
+const WIDE_CELLS: usize = 12;
 /// Kernels of a check of so many cells.
 const CHECKED: usize = 5 * MEASURED_CELLS;
 
@@ -94,8 +94,12 @@ pub(super) fn choose(
     let tolerance = GRID_SHARE * options.psf_tolerance;
     let part = 0.5 * tolerance;
     let max_psfs = max_psfs(options, pupils.mean(|f| compared.grid().work(f)));
+    let (most_probes, most_cells) = match compared.is_wide() {
+        true => (WIDE_PROBES, WIDE_CELLS),
+        false => (usize::MAX, MEASURED_CELLS),
+    };
     let Compared { most: kernels, some } = compared;
-    let allows = |(probes, each): &&(usize, usize)| max_psfs >= probes * each;
+    let allows = |(probes, each): &&(usize, usize)| max_psfs >= probes * each && *probes <= most_probes;
     let probe_count = PROBES.iter().find(allows).map_or(3, |(probes, _)| *probes);
     let probes: Vec<f64> = (1..=probe_count).map(|i| last_mm * i as f64 / probe_count as f64).collect();
     report("probing", 0);
@@ -127,18 +131,20 @@ pub(super) fn choose(
     let mut errors: Vec<CellError> = Vec::new();
     let mut ratio: Option<Ratio> = None;
     for round in 0..MAX_ROUNDS {
-        let measured = cells_to_measure(kernels, (&heights, &azimuths));
+        let measured = cells_to_measure(kernels, (&heights, &azimuths), most_cells);
         let nodes = (&heights[..], &azimuths[..]);
-        let mut found = check(kernels, pupils, nodes, &measured, report)?;
-        if let (Some(kernels), None) = (some.as_mut(), &ratio) {
-            ratio = Some(ratio_to(kernels, pupils, nodes, (&measured, &found), report)?);
-        }
-        if let Some(ratio) = &ratio {
-            for (error, k) in found.iter_mut().zip(&measured) {
-                *error = error.with(ratio.at(middle(&heights, *k)), |inner, ratio| inner * ratio);
+        let found = check(kernels, pupils, nodes, &measured, report)?;
+        errors = match some.as_mut() {
+            None => of_all_cells(&measured, &found, heights.len() - 1),
+            Some(core) => {
+                let ratio = match &mut ratio {
+                    Some(ratio) => ratio,
+                    none => none.insert(Ratio::of_some(core, pupils, nodes, (&measured, &found), report)?),
+                };
+                let worst = |e: &CellError| e.total.error(l1_over_esf);
+                ratio.errors(core, pupils, nodes, (&measured, &found), (&worst, goal), report)?
             }
-        }
-        errors = of_all_cells(&measured, &found, heights.len() - 1);
+        };
         let worst = errors.iter().map(|e| e.total.error(l1_over_esf)).fold(0.0, f64::max);
         if worst <= goal || round + 1 == MAX_ROUNDS {
             break;
@@ -211,11 +217,10 @@ pub(super) fn adopt(
     cells.sort_unstable();
     cells.dedup();
     let measured: Vec<usize> = cells.iter().map(|cell| cell + 1).collect();
-    let errors = check(kernels, pupils, (&other.heights, &other.azimuths), &measured, report)?;
-    let ratios: Vec<f64> = errors.iter().zip(&cells).map(|(e, cell)| e.total.l1 / known[*cell].l1).collect();
+    let here = totals(kernels, pupils, (&other.heights, &other.azimuths), &measured, report)?;
+    let ratios: Vec<f64> = here.iter().zip(&cells).map(|(e, cell)| e.l1 / known[*cell].l1).collect();
     let largest = ratios.iter().copied().fold(0.0, f64::max);
     let mean = ratios.iter().sum::<f64>() / ratios.len() as f64;
-    let here: Vec<Difference> = errors.iter().map(|e| e.total).collect();
     let known: Vec<Difference> = cells.iter().map(|cell| known[*cell]).collect();
     let edge = there.edge * ratio_of_largest(&here, &known);
     let error = NodeError { worst: largest * there.worst, median: mean * there.median, edge, ..there };
@@ -231,139 +236,9 @@ fn are_good_enough((tolerance, excess): (f64, f64), there: f64, here: f64) -> bo
     here <= tolerance || (is_alike && (here <= excess * tolerance || there > excess * tolerance))
 }
 
-/// The kernels that the error of cell `k` needs: at its centre, and at either height unrotated and half-way to the next azimuth.
-fn kernels_of_cell((heights, azimuths): (&[f64], &[usize]), k: usize) -> [(f64, f64); 5] {
-    let (a, b) = (heights[k - 1], heights[k]);
-    let half = |k: usize| half_step(azimuths, k);
-    [(0.5 * (a + b), 0.0), (a, 0.0), (a, half(k - 1)), (b, 0.0), (b, half(k))]
-}
-
-/// Half the step between the azimuths of height `k`, rad.
-fn half_step(azimuths: &[usize], k: usize) -> f64 {
-    if k == 0 { 0.0 } else { PI / azimuths[k] as f64 }
-}
-
-/// The cells whose errors are measured, ascending: those whose kernels are known, and of the others every so many, the outermost included.
-fn cells_to_measure(kernels: &Kernels<'_>, nodes: (&[f64], &[usize])) -> Vec<usize> {
-    let is_known = |k: &usize| kernels_of_cell(nodes, *k).iter().all(|(h, a)| kernels.has(*h, *a));
-    let (mut cells, others): (Vec<usize>, Vec<usize>) = (1..nodes.0.len()).partition(is_known);
-    let step = others.len().div_ceil(MEASURED_CELLS).max(1);
-    cells.extend(others.iter().rev().step_by(step));
-    cells.sort_unstable();
-    cells
-}
-
-/// Errors of all `count` cells, from those `found` of the cells `measured`.
-fn of_all_cells(measured: &[usize], found: &[CellError], count: usize) -> Vec<CellError> {
-    let x: Vec<f64> = measured.iter().map(|k| *k as f64).collect();
-    let of = |part: fn(&CellError) -> Difference| {
-        let [l1, esf]: [Vec<f64>; 2] = [|d: Difference| d.l1, |d: Difference| d.esf]
-            .map(|number| found.iter().map(|error| number(part(error))).collect());
-        let at = |k: usize, y: &[f64]| between(&x, y, k as f64);
-        (1..=count).map(|k| Difference { l1: at(k, &l1), esf: at(k, &esf) }).collect::<Vec<_>>()
-    };
-    let (total, radial, angular) = (of(|e| e.total), of(|e| e.radial), of(|e| e.angular));
-    let cells = total.iter().zip(&radial).zip(&angular);
-    cells
-        .map(|((total, radial), angular)| CellError { total: *total, radial: *radial, angular: *angular })
-        .collect()
-}
-
-/// Errors of `cells`, each by the index of its upper height.
-fn check(
-    kernels: &mut Kernels<'_>,
-    pupils: &mut Pupils<'_>,
-    (heights, azimuths): (&[f64], &[usize]),
-    cells: &[usize],
-    report: &mut dyn FnMut(&'static str, usize),
-) -> Result<Vec<CellError>, DesignError> {
-    let requested: Vec<(f64, f64)> =
-        cells.iter().flat_map(|k| kernels_of_cell((heights, azimuths), *k)).collect();
-    report("checking", 0);
-    report("checking", kernels.fill(pupils, &requested)?);
-    let kernels = &*kernels;
-    let between = |k: usize| kernels.mean_with_mirror(kernels.at(heights[k], half_step(azimuths, k)));
-    let angular = |k: usize, mean: &[f32]| Difference::of(mean, kernels.at(heights[k], 0.0));
-    Ok(cells
-        .par_iter()
-        .map(|&k| {
-            let truth = kernels.at(0.5 * (heights[k - 1] + heights[k]), 0.0);
-            let (a, b) = (between(k - 1), between(k));
-            let unrotated = mean(kernels.at(heights[k - 1], 0.0), kernels.at(heights[k], 0.0));
-            CellError {
-                total: Difference::of(&mean(&a, &b), truth),
-                radial: Difference::of(&unrotated, truth),
-                angular: angular(k - 1, &a).with(angular(k, &b), f64::max),
-            }
-        })
-        .collect())
-}
-
-/// The middle between the heights of cell `k`, mm.
-fn middle(heights: &[f64], k: usize) -> f64 {
-    0.5 * (heights[k - 1] + heights[k])
-}
-
-/// Errors in the core over those in its inner part, at some heights, mm.
-struct Ratio {
-    heights_mm: Vec<f64>,
-    l1: Vec<f64>,
-    /// That of the largest ones: some ESFs are next to nothing.
-    esf: f64,
-}
-
-impl Ratio {
-    /// At `height_mm`, of the L1 between the two next heights.
-    fn at(&self, height_mm: f64) -> Difference {
-        Difference { l1: between(&self.heights_mm, &self.l1, height_mm), esf: self.esf }
-    }
-}
-
-/// Errors in the core, whose `kernels` are compared, over those `found` in its inner part, in [`COMPARED`] of the cells `measured`.
-fn ratio_to(
-    kernels: &mut Kernels<'_>,
-    pupils: &mut Pupils<'_>,
-    nodes: (&[f64], &[usize]),
-    (measured, found): (&[usize], &[CellError]),
-    report: &mut dyn FnMut(&'static str, usize),
-) -> Result<Ratio, DesignError> {
-    let some = evenly(COMPARED, measured.len());
-    let cells: Vec<usize> = some.iter().map(|i| measured[*i]).collect();
-    let errors = check(kernels, pupils, nodes, &cells, report)?;
-    let of_core: Vec<Difference> = errors.iter().map(|e| e.total).collect();
-    let inner: Vec<Difference> = some.iter().map(|i| found[*i].total).collect();
-    let l1 = of_core.iter().zip(&inner).map(|(core, inner)| core.l1 / inner.l1.max(LEAST_ERROR)).collect();
-    let heights_mm = cells.iter().map(|k| middle(nodes.0, *k)).collect();
-    Ok(Ratio { heights_mm, l1, esf: ratio_of_largest(&of_core, &inner) })
-}
-
-/// The largest ESF of `some` over that of `others`.
-fn ratio_of_largest(some: &[Difference], others: &[Difference]) -> f64 {
-    let largest = |all: &[Difference]| all.iter().map(|d| d.esf).fold(LEAST_ERROR, f64::max);
-    largest(some) / largest(others)
-}
-
 #[cfg(test)]
 mod tests {
     use super::*;
-
-    #[test]
-    fn errors_are_linear_between_the_measured_cells() {
-        let difference = |l1: f64| Difference { l1, esf: 0.1 * l1 };
-        let error = |total: f64| CellError {
-            total: difference(total),
-            radial: difference(0.5 * total),
-            angular: Difference::default(),
-        };
-        let all = of_all_cells(&[2, 4, 5], &[error(0.1), error(0.3), error(0.2)], 6);
-        let expected = [0.1, 0.1, 0.2, 0.3, 0.2, 0.2];
-        assert_eq!(all.len(), expected.len());
-        for (found, expected) in all.iter().zip(expected) {
-            let Difference { l1, esf } = found.total;
-            assert!((l1 - expected).abs() < 1e-12 && (esf - 0.1 * expected).abs() < 1e-12);
-            assert!((found.radial.l1 - 0.5 * expected).abs() < 1e-12);
-        }
-    }
 
     #[test]
     fn nodes_of_another_wavelength_stay_within_the_tolerance_that_they_had() {

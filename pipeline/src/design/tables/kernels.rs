@@ -8,7 +8,7 @@ use std::collections::BTreeMap;
 
 use rayon::prelude::*;
 
-use super::window::core_samples;
+use super::window::{core_samples, wide_core_samples};
 use crate::design::prescription::error::DesignError;
 use crate::design::psf::film_pixel::FilmPixels;
 use crate::design::psf::{PsfGrid, PsfScratch, PupilFunction};
@@ -38,19 +38,28 @@ const INNER_SIDE: f64 = 0.75;
 pub(in crate::design) struct Core {
     pub(in crate::design) px: usize,
     pub(super) grid: PsfGrid,
+    is_wide: bool,
 }
 
 impl Core {
     /// That of `px` film pixels, of PSFs whose samples in a pack have `pitch_um`.
     pub(super) fn new(px: usize, film_pitch_um: f64, pitch_um: f64) -> Self {
-        let (half, pitch_um) = core_samples(px, film_pitch_um, pitch_um);
-        Self { px, grid: PsfGrid::new(half, pitch_um) }
+        let (half, coarse_um) = core_samples(px, film_pitch_um, pitch_um);
+        match 2 * half + 1 >= WIDE_CORE {
+            true => Self::wide(px, film_pitch_um, pitch_um),
+            false => Self { px, grid: PsfGrid::for_comparison(half, coarse_um, 1.0), is_wide: false },
+        }
+    }
+
+    fn wide(px: usize, film_pitch_um: f64, pitch_um: f64) -> Self {
+        let (half, coarse_um) = wide_core_samples(px, film_pitch_um, pitch_um);
+        Self { px, grid: PsfGrid::for_comparison(half, coarse_um, 1.0), is_wide: true }
     }
 
     /// Its inner part of `px` film pixels, if comparing there pays.
     pub(super) fn inner(&self, px: usize, film_pitch_um: f64, pitch_um: f64) -> Option<Self> {
-        let pays = self.grid.size() >= WIDE_CORE && px as f64 <= INNER_SIDE * self.px as f64;
-        pays.then(|| Self::new(px, film_pitch_um, pitch_um))
+        let pays = self.is_wide && px as f64 <= INNER_SIDE * self.px as f64;
+        pays.then(|| Self::wide(px, film_pitch_um, pitch_um))
     }
 }
 
@@ -70,6 +79,11 @@ impl<'a> Compared<'a> {
             None => Self { most: kernels(core), some: None },
             Some(inner) => Self { most: kernels(inner), some: Some(kernels(core)) },
         }
+    }
+
+    /// Whether there is an inner part that is as wide as other cores that have one.
+    pub(super) fn is_wide(&self) -> bool {
+        self.some.is_some() && self.most.grid.size() >= WIDE_CORE
     }
 
     /// Samples of the PSFs of the core.

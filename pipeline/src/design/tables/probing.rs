@@ -1,6 +1,6 @@
 //! Probing: the azimuths and the spacing of heights that kernels need at a few heights, from the errors of kernels between two of them.
 //!
-//! The square law of errors holds for small errors only: a second pass starts near the result of the first one. Where kernels are compared in the inner part of the
+//! The square law of errors holds for small errors only: a first pass at a few of the heights gives what the second one, at all of them, starts with. Where kernels are compared in the inner part of the
 //! core ([`super::kernels`]), a pass in the core at some of the heights gives the ratio of what the core needs to that.
 
 use std::f64::consts::PI;
@@ -14,9 +14,7 @@ use crate::design::pupil::pupils::Pupils;
 /// Azimuths and spacing of heights, mm, that probing begins with.
 const FIRST_AZIMUTHS: f64 = 96.0;
 const FIRST_SPACING_MM: f64 = 0.5;
-/// Passes of probing.
-const PASSES: usize = 2;
-/// Heights or cells where the core is compared with its inner part.
+/// Heights of the first pass, and heights or cells where the core is compared with its inner part.
 pub(super) const COMPARED: usize = 4;
 /// Least error that is divided by.
 pub(super) const LEAST_ERROR: f64 = 1e-9;
@@ -35,10 +33,13 @@ pub(super) fn azimuths_needed(
     part: f64,
     report: &mut dyn FnMut(&'static str, usize),
 ) -> Result<Needs, DesignError> {
-    let first = (vec![FIRST_AZIMUTHS; probes.len()], PASSES);
-    let need = probe_azimuths(kernels, pupils, (probes, part), first, report)?;
+    let rough = |some: &[f64]| {
+        probe_azimuths(kernels, pupils, (some, part), vec![FIRST_AZIMUTHS; some.len()], report)
+    };
+    let need = of_some(probes, f64::max, rough)?;
+    let need = probe_azimuths(kernels, pupils, (probes, part), need, report)?;
     corrected(probes, f64::max, need, core, |kernels, some, need| {
-        probe_azimuths(kernels, pupils, (some, part), (need, 1), report)
+        probe_azimuths(kernels, pupils, (some, part), need, report)
     })
 }
 
@@ -50,10 +51,13 @@ pub(super) fn spacing_allowed(
     part: f64,
     report: &mut dyn FnMut(&'static str, usize),
 ) -> Result<Needs, DesignError> {
-    let first = (vec![FIRST_SPACING_MM.min(0.5 * probes[0]); probes.len()], PASSES);
-    let spacing = probe_heights(kernels, pupils, (probes, part), first, report)?;
+    let first_mm = FIRST_SPACING_MM.min(0.5 * probes[0]);
+    let rough =
+        |some: &[f64]| probe_heights(kernels, pupils, (some, part), vec![first_mm; some.len()], report);
+    let spacing = of_some(probes, f64::min, rough)?;
+    let spacing = probe_heights(kernels, pupils, (probes, part), spacing, report)?;
     corrected(probes, f64::min, spacing, core, |kernels, some, spacing| {
-        probe_heights(kernels, pupils, (some, part), (spacing, 1), report)
+        probe_heights(kernels, pupils, (some, part), spacing, report)
     })
 }
 
@@ -62,6 +66,18 @@ pub(super) fn evenly(count: usize, n: usize) -> Vec<usize> {
     let mut indices: Vec<usize> = (0..count).map(|i| i * (n - 1) / (count - 1)).collect();
     indices.dedup();
     indices
+}
+
+/// The more demanding of what L1 and ESF need by `rough` at a few of `probes`, linear between those.
+fn of_some(
+    probes: &[f64],
+    demanding: fn(f64, f64) -> f64,
+    rough: impl FnOnce(&[f64]) -> Result<Needs, DesignError>,
+) -> Result<Vec<f64>, DesignError> {
+    let at: Vec<f64> = evenly(COMPARED, probes.len()).into_iter().map(|i| probes[i]).collect();
+    let [l1, esf] = rough(&at)?;
+    let need: Vec<f64> = l1.into_iter().zip(esf).map(|(l1, esf)| demanding(l1, esf)).collect();
+    Ok(probes.iter().map(|h| between(&at, &need, *h)).collect())
 }
 
 /// What is `found` at `probes` in the inner part of the core, times the ratio of what `again` finds at some of them in the core, beginning with it, to it. Of ESFs,
@@ -88,67 +104,56 @@ fn corrected<'a>(
     Ok([l1.collect(), found_esf.into_iter().map(|v| of_esf * v).collect()])
 }
 
-/// [`azimuths_needed`], from `need` on in some passes.
+/// [`azimuths_needed`], from `need` on in one pass.
 fn probe_azimuths(
     kernels: &mut Kernels<'_>,
     pupils: &mut Pupils<'_>,
     (probes, part): (&[f64], f64),
-    (mut need, passes): (Vec<f64>, usize),
+    need: Vec<f64>,
     report: &mut dyn FnMut(&'static str, usize),
 ) -> Result<Needs, DesignError> {
-    let mut needs = [need.clone(), need.clone()];
-    for _ in 0..passes {
-        let step = |i: usize, need: &[f64]| PI / need[i];
-        let requested: Vec<(f64, f64)> =
-            probes.iter().enumerate().flat_map(|(i, h)| [(*h, 0.0), (*h, step(i, &need))]).collect();
-        report("probing", kernels.fill(pupils, &requested)?);
-        for (i, h) in probes.iter().enumerate() {
-            let between = kernels.mean_with_mirror(kernels.at(*h, step(i, &need)));
-            let shares = shares_of(Difference::of(&between, kernels.at(*h, 0.0)), part);
-            let of = |share: f64| (need[i] * share.sqrt()).clamp(8.0, MAX_AZIMUTHS as f64);
-            let found = shares.map(of);
-            needs.iter_mut().zip(found).for_each(|(needs, found)| needs[i] = found);
-            need[i] = found[0].max(found[1]);
-        }
-    }
-    Ok(needs)
+    let requested: Vec<(f64, f64)> =
+        probes.iter().zip(&need).flat_map(|(h, need)| [(*h, 0.0), (*h, PI / need)]).collect();
+    report("probing", kernels.fill(pupils, &requested)?);
+    let found = probes.iter().zip(&need).map(|(h, need)| {
+        let between = kernels.mean_with_mirror(kernels.at(*h, PI / need));
+        let shares = shares_of(Difference::of(&between, kernels.at(*h, 0.0)), part);
+        shares.map(|share| (need * share.sqrt()).clamp(8.0, MAX_AZIMUTHS as f64))
+    });
+    Ok(both(found))
 }
 
-/// [`spacing_allowed`], from `spacing` on in some passes.
+/// [`spacing_allowed`], from `spacing` on in one pass.
 fn probe_heights(
     kernels: &mut Kernels<'_>,
     pupils: &mut Pupils<'_>,
     (probes, part): (&[f64], f64),
-    (spacing, passes): (Vec<f64>, usize),
+    spacing: Vec<f64>,
     report: &mut dyn FnMut(&'static str, usize),
 ) -> Result<Needs, DesignError> {
-    let mut needs = [spacing.clone(), spacing.clone()];
     let last = probes[probes.len() - 1];
-    let mut half: Vec<f64> = spacing.into_iter().map(|s| 0.5 * s).collect();
-    for _ in 0..passes {
-        // Within the field, not beyond the axis.
-        let ends = |i: usize, half: &[f64]| {
-            let centre = probes[i].min(last - half[i]).max(half[i]);
-            (centre - half[i], centre, centre + half[i])
-        };
-        let requested: Vec<(f64, f64)> = (0..probes.len())
-            .flat_map(|i| {
-                let (a, c, b) = ends(i, &half);
-                [(a, 0.0), (c, 0.0), (b, 0.0)]
-            })
-            .collect();
-        report("probing", kernels.fill(pupils, &requested)?);
-        for i in 0..probes.len() {
-            let (a, c, b) = ends(i, &half);
-            let mean = mean(kernels.at(a, 0.0), kernels.at(b, 0.0));
-            let shares = shares_of(Difference::of(&mean, kernels.at(c, 0.0)), part);
-            let of = |share: f64| (half[i] / share.max(LEAST_ERROR).sqrt()).clamp(last * 1e-4, 0.2 * last);
-            let found = shares.map(of);
-            needs.iter_mut().zip(found).for_each(|(needs, found)| needs[i] = 2.0 * found);
-            half[i] = found[0].min(found[1]);
-        }
-    }
-    Ok(needs)
+    // Within the field, not beyond the axis.
+    let ends = |(h, spacing): (&f64, &f64)| {
+        let half = 0.5 * spacing;
+        let centre = h.min(last - half).max(half);
+        [centre - half, centre, centre + half]
+    };
+    let requested: Vec<(f64, f64)> =
+        probes.iter().zip(&spacing).flat_map(|at| ends(at).map(|h| (h, 0.0))).collect();
+    report("probing", kernels.fill(pupils, &requested)?);
+    let found = probes.iter().zip(&spacing).map(|(h, spacing)| {
+        let [below, centre, above] = ends((h, spacing)).map(|h| kernels.at(h, 0.0));
+        let shares = shares_of(Difference::of(&mean(below, above), centre), part);
+        shares
+            .map(|share| 2.0 * (0.5 * spacing / share.max(LEAST_ERROR).sqrt()).clamp(last * 1e-4, 0.2 * last))
+    });
+    Ok(both(found))
+}
+
+/// The L1 and the ESF of each height.
+fn both(found: impl Iterator<Item = [f64; 2]>) -> Needs {
+    let (l1, esf) = found.map(|[l1, esf]| (l1, esf)).unzip();
+    [l1, esf]
 }
 
 /// L1 and ESF over what they may be for an L1 of `part`.

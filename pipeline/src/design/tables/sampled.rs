@@ -10,7 +10,7 @@ use rayon::prelude::*;
 use super::film_samples::FilmSamples;
 use super::kernels::Core;
 use super::trace::{LensTrace, PsfHeights, TraceOptions};
-use super::window::{SquareLight, Windows, core_samples, expected, for_tails, half_samples, window};
+use super::window::{Found, Windows, core_samples, expected, for_tails, half_samples, window};
 use crate::design::prescription::error::DesignError;
 use crate::design::psf::PsfGrid;
 use crate::design::psf::tails::blur_um;
@@ -35,8 +35,8 @@ pub(in crate::design) struct Sampled<'t> {
     /// Windows in which kernels are compared.
     pub(in crate::design) core: Core,
     pub(super) inner: Option<Core>,
-    /// The light in squares at the first heights, where it determined the window.
-    pub(super) light: Option<SquareLight>,
+    /// What determined the windows, where the light at the first heights did.
+    pub(super) found: Option<Found>,
 }
 
 impl Sampled<'_> {
@@ -71,10 +71,11 @@ impl LensTrace<'_> {
         Ok(expected(self.options, bundles.iter(), pitch_um))
     }
 
-    /// Pupil functions, samples and windows of a wavelength.
+    /// Pupil functions, samples and windows of a wavelength; `known` is what has determined them before, if it has.
     pub(in crate::design) fn sampled<'t>(
         &self,
         tracer: &'t Tracer<'t>,
+        known: Option<Found>,
         report: &mut dyn FnMut(&'static str, usize),
     ) -> Result<Sampled<'t>, DesignError> {
         let options = self.options;
@@ -89,12 +90,18 @@ impl LensTrace<'_> {
         let nyquist_um = smallest(heights.iter().map(|h| pupils.at(*h).nyquist_um()));
         let pitch_um = self.pitch(nyquist_um)?;
         report("window", 0);
-        let is_determined = options.window_px.is_none() && self.sampling.windows.is_none();
         let given = options.window_px.map(|px| Windows { px, core_px: px }).or(self.sampling.windows);
         let (Windows { px: plain_px, core_px }, found) = match given {
             Some(windows) => (windows, None),
             None => {
-                let found = window(options, tracer, (&heights, &pupils), pitch_um)?;
+                let found = match known {
+                    Some(found) => found,
+                    None => {
+                        let found = window(options, tracer, (&heights, &pupils), pitch_um)?;
+                        report("window", heights.len());
+                        found
+                    }
+                };
                 (found.windows, Some(found))
             }
         };
@@ -107,7 +114,6 @@ impl LensTrace<'_> {
             }
             _ => plain_px,
         };
-        report("window", if is_determined { heights.len() } else { 0 });
         let (half, psf_pitch_um) = match self.sampling.is_coarse {
             false => (half_samples(window_px, options.film_pitch_um, spline_pitch_um), spline_pitch_um),
             true => core_samples(window_px, options.film_pitch_um, pitch_um),
@@ -117,7 +123,6 @@ impl LensTrace<'_> {
         // Depth nodes, lenses as built and means over a band compare fewer kernels.
         let inner_px = found.as_ref().filter(|_| !self.has_base_nodes).map(|found| found.inner_px);
         let inner = inner_px.and_then(|px| core.inner(px, options.film_pitch_um, pitch_um));
-        let light = found.map(|found| found.light);
         let side = match self.sampling.is_coarse {
             false => 2 * half_samples(plain_px, options.film_pitch_um, spline_pitch_um) + 1,
             true => grid.size(),
@@ -133,7 +138,7 @@ impl LensTrace<'_> {
             film_samples,
             core,
             inner,
-            light,
+            found,
         })
     }
 

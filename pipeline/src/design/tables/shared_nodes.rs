@@ -11,6 +11,7 @@ use super::grid::Chosen;
 use super::options::{Azimuths, PsfHeights, TraceOptions};
 use super::sampled::Sampled;
 use super::trace::LensTrace;
+use super::window::Found;
 use crate::design::prescription::error::DesignError;
 use crate::design::rays::ray::Tracer;
 
@@ -39,9 +40,22 @@ struct Nodes {
     nm: f64,
     options: TraceOptions,
     chosen: Option<Chosen>,
+    /// What determined the windows there, until a band of this wavelength is traced.
+    windows: Option<Found>,
+}
+
+/// `options` for one wavelength: what is chosen there does not depend on the others.
+fn options_at(nm: f64, options: &TraceOptions) -> TraceOptions {
+    TraceOptions { wavelengths_nm: vec![nm], ..options.clone() }
 }
 
 impl SharedNodes {
+    /// What determined the windows of `trace` at `nm`, if nodes of other bands were chosen there and no band has taken it.
+    pub(super) fn windows(&mut self, trace: &LensTrace<'_>, nm: f64) -> Option<Found> {
+        let options = options_at(nm, trace.options);
+        self.0.iter_mut().find(|nodes| nodes.nm == nm && nodes.options == options)?.windows.take()
+    }
+
     /// The nodes of the band at `nm`.
     pub(in crate::design) fn choose(
         &mut self,
@@ -57,20 +71,20 @@ impl SharedNodes {
             return trace.choose(sampled, report);
         }
         let nearest = nearest(nm);
-        // Nodes do not depend on the other wavelengths.
-        let options = TraceOptions { wavelengths_nm: vec![nearest], ..options.clone() };
+        let options = options_at(nearest, options);
         let known = self.0.iter().find(|n| n.nm == nearest && n.options == options);
         let there = match known {
             Some(nodes) => nodes.chosen.clone(),
             None if nearest == nm => {
                 let chosen = trace.choose(sampled, report)?;
-                self.0.push(Nodes { nm, options, chosen: Some(chosen.clone()) });
+                self.0.push(Nodes { nm, options, chosen: Some(chosen.clone()), windows: None });
                 return Ok(chosen);
             }
             None => {
                 // An error there is none of this band.
-                let chosen = nodes_at(trace, nearest, &options, report).ok();
-                self.0.push(Nodes { nm: nearest, options, chosen: chosen.clone() });
+                let (chosen, windows) = nodes_at(trace, nearest, &options, report).ok().unzip();
+                let windows = windows.flatten();
+                self.0.push(Nodes { nm: nearest, options, chosen: chosen.clone(), windows });
                 chosen
             }
         };
@@ -86,16 +100,17 @@ impl SharedNodes {
     }
 }
 
-/// Chooses nodes at `nm`.
+/// Chooses nodes at `nm`; with what determined the windows there.
 fn nodes_at(
     trace: &LensTrace<'_>,
     nm: f64,
     options: &TraceOptions,
     report: &mut dyn FnMut(&'static str, usize),
-) -> Result<Chosen, DesignError> {
+) -> Result<(Chosen, Option<Found>), DesignError> {
     let plain = LensTrace::new(trace.system, options)?;
     let trace = if trace.has_base_nodes { plain.with_base_nodes() } else { plain };
     let tracer = Tracer::new(trace.system, nm / 1e3)?;
-    let mut sampled = trace.sampled(&tracer, report)?;
-    trace.choose(&mut sampled, report)
+    let mut sampled = trace.sampled(&tracer, None, report)?;
+    let chosen = trace.choose(&mut sampled, report)?;
+    Ok((chosen, sampled.found))
 }

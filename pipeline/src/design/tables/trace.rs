@@ -22,7 +22,7 @@ pub use super::refine::NodeError;
 use super::sampled::{Sampled, Sampling};
 pub use super::shared_nodes::{SharedNodes, node_wavelengths};
 pub use super::window::LEAST_TAIL_WINDOW_PX;
-use super::window::half_samples;
+use super::window::{Found, half_samples};
 use crate::bounds::PSF_ENERGY;
 use crate::design::prescription::error::DesignError;
 use crate::design::prescription::system::System;
@@ -40,12 +40,12 @@ use crate::lens::{Lens, LensBand, PsfSample, PsfStack};
 const ENERGIES: usize = 24;
 
 /// Incremented when the results for the same design and options change.
-pub const TRACER_VERSION: u32 = 10;
+pub const TRACER_VERSION: u32 = 11;
 /// Incremented when nodes, windows or pitches of samples for the same design and options change, which packs with pupil functions have stored.
-pub const NODES_VERSION: u32 = 7;
+pub const NODES_VERSION: u32 = 8;
 
 /// Incremented when tails for the same design and options change.
-pub const TAILS_VERSION: u32 = 6;
+pub const TAILS_VERSION: u32 = 7;
 
 /// Runs `work` with `threads` threads for its rays and sums; the results do not depend on their number.
 pub fn with_threads<T: Send>(threads: usize, work: impl FnOnce() -> T + Send) -> T {
@@ -220,7 +220,7 @@ impl<'a> LensTrace<'a> {
     /// # Errors
     /// A ray that does not reach the image.
     pub fn band(&self, index: usize, on_progress: OnProgress<'_>) -> Result<TracedBand, DesignError> {
-        self.band_at(index, on_progress, |sampled, report| self.choose(sampled, report))
+        self.band_at(index, None, on_progress, |sampled, report| self.choose(sampled, report))
     }
 
     /// Traces band `index` with nodes of `shared`, which belong to its wavelength, not to the other bands that are traced.
@@ -234,13 +234,15 @@ impl<'a> LensTrace<'a> {
         on_progress: OnProgress<'_>,
     ) -> Result<TracedBand, DesignError> {
         let nm = self.options.wavelengths_nm[index];
-        self.band_at(index, on_progress, |sampled, report| shared.choose(self, nm, sampled, report))
+        let known = shared.windows(self, nm);
+        self.band_at(index, known, on_progress, |sampled, report| shared.choose(self, nm, sampled, report))
     }
 
-    /// Traces band `index` with nodes that `choose` selects.
+    /// Traces band `index` with nodes that `choose` selects, and with windows that are `known`, if they are.
     pub(super) fn band_at(
         &self,
         index: usize,
+        known: Option<Found>,
         on_progress: OnProgress<'_>,
         choose: impl FnOnce(&mut Sampled<'_>, &mut dyn FnMut(&'static str, usize)) -> Result<Chosen, DesignError>,
     ) -> Result<TracedBand, DesignError> {
@@ -265,7 +267,7 @@ impl<'a> LensTrace<'a> {
                 (found.sum.clone(), found.transmission, Some((tracers, found)))
             }
         };
-        let mut sampled = self.sampled(&tracer, &mut report_step)?;
+        let mut sampled = self.sampled(&tracer, known, &mut report_step)?;
         let chosen = choose(&mut sampled, &mut report_step)?;
         let stated = match options.heights {
             PsfHeights::ByError => sampled.film_samples.stated(chosen.heights.len(), &self.node_options()),
@@ -278,7 +280,7 @@ impl<'a> LensTrace<'a> {
             sampled.window_px = window_px;
             sampled.grid = PsfGrid::new(half_samples(window_px, options.film_pitch_um, pitch_um), pitch_um);
         }
-        let Sampled { mut pupils, grid, window_px, first, edges, light: square_light, .. } = sampled;
+        let Sampled { mut pupils, grid, window_px, first, edges, found, .. } = sampled;
         let tail = match &edges {
             None => None,
             Some(edges) => {
@@ -296,7 +298,7 @@ impl<'a> LensTrace<'a> {
                     true => stack(&pupils, &grid, &chosen.heights),
                     false => {
                         let side_um = grid.size() as f64 * grid.pitch_um();
-                        let known = square_light.and_then(|light| light.within_um(side_um));
+                        let known = found.and_then(|found| found.light.within_um(side_um));
                         let known =
                             known.map(|shares| std::iter::zip(first.iter().copied(), shares).collect());
                         let known = known.unwrap_or_else(|| energies(&pupils, &grid, &chosen.heights));

@@ -6,7 +6,7 @@
 //! With tails ([`crate::lens::tail`]) windows are larger where the rays at the edge of the pupil come near their border, and on large pixels ([`for_tails`]).
 //! Nodes are chosen by the errors of kernels in a smaller window, the *core*, of 95 % of the light: it needs a fifth of the samples where diffraction
 //! determines the windows, and the light that it leaves out has errors of the same relative size.
-//! The shares are sums of PSFs sampled 1.5 times coarser than those of the pack, still finer than the field's own Nyquist pitch, so the
+//! The shares are sums of PSFs sampled twice as coarsely as those of the pack, still finer than the field's own Nyquist pitch, so the
 //! sums equal the integrals of |U|² but for the samples at the edges of the squares, between which they are interpolated.
 
 use rayon::prelude::*;
@@ -25,6 +25,8 @@ use crate::design::rays::ray::Tracer;
 const MAX_LEFT_OUT: f64 = 0.05;
 /// Pitch of the samples here over that of the pack's.
 const COARSER: f64 = 1.5;
+/// The same where light alone is summed, and of kernels that are compared in wide windows.
+const COARSEST: f64 = 2.0;
 /// Share of the light in the window in which errors of kernels are measured.
 const CORE_LIGHT: f64 = 0.95;
 /// Share of the light in the inner part of that window, in which they are compared where that window is wide ([`super::kernels`]).
@@ -34,6 +36,12 @@ const INNER_LIGHT: f64 = 0.7;
 /// pixel has at least two samples a side.
 pub(in crate::design) fn core_samples(core_px: usize, film_pitch_um: f64, pitch_um: f64) -> (usize, f64) {
     let coarse_um = coarse_um(film_pitch_um, pitch_um);
+    (half_samples(core_px, film_pitch_um, coarse_um), coarse_um)
+}
+
+/// The same in a wide window: the blur has hardly any light at the frequencies that then look like those that film pixels pass.
+pub(super) fn wide_core_samples(core_px: usize, film_pitch_um: f64, pitch_um: f64) -> (usize, f64) {
+    let coarse_um = (COARSEST * pitch_um).min(0.5 * film_pitch_um).max(pitch_um);
     (half_samples(core_px, film_pitch_um, coarse_um), coarse_um)
 }
 
@@ -143,8 +151,8 @@ pub(in crate::design) fn search(
     let budget = odd_pixels(max_side(options), pitch_um, film).min(max);
     let mut px = first.min(max) | 1;
     loop {
-        let coarse_um = COARSER * pitch_um;
-        let grid = PsfGrid::new(half_samples(px, film, coarse_um) + 1, coarse_um);
+        let coarse_um = COARSEST * pitch_um;
+        let grid = PsfGrid::for_comparison(half_samples(px, film, coarse_um) + 1, coarse_um, 1.0);
         let squares = functions
             .par_iter()
             .map_init(<(PsfScratch, Vec<f32>)>::default, |(scratch, psf), (_, function)| {

@@ -39,7 +39,7 @@ impl NominalNodes {
         let nm = options.wavelengths_nm[index];
         let trace = LensTrace::new(lens.nominal(), options)?.with_base_nodes();
         let tracer = Tracer::new(lens.nominal(), nm / 1e3)?;
-        let mut sampled = trace.sampled(&tracer, report)?;
+        let mut sampled = trace.sampled(&tracer, None, report)?;
         let chosen = self.shared.choose(&trace, nm, &mut sampled, report)?;
         let pitch_um = sampled.grid.pitch_um();
         let nominal = Nominal { chosen, window_px: sampled.window_px, core_px: sampled.core.px, pitch_um };

@@ -201,7 +201,7 @@ fn node(
         let windows = known.windows(expected, trace.max_window_px);
         let lens = lens.clone().sampled_as(Sampling { windows: Some(windows), is_coarse });
         let mut is_adopted = true;
-        let traced = lens.band_at(index, on_progress, |sampled, report| {
+        let traced = lens.band_at(index, None, on_progress, |sampled, report| {
             if (blur_px - known.measured_px).abs() <= SAME * known.measured_px.abs() {
                 return Ok(known.chosen.clone());
             }
@@ -224,7 +224,7 @@ fn node(
     }
     let lens = lens.sampled_as(Sampling { windows: None, is_coarse });
     let mut found = None;
-    let traced = lens.band_at(index, on_progress, |sampled, report| {
+    let traced = lens.band_at(index, None, on_progress, |sampled, report| {
         let chosen = lens.choose(sampled, report)?;
         found = Some((chosen.clone(), sampled.windows()));
         Ok(chosen)
