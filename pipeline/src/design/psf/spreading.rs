@@ -38,6 +38,7 @@ pub(super) struct Target<'a> {
 }
 
 /// φ of an accuracy.
+#[allow(clippy::large_enum_variant, reason = "a plan has one of them")]
 pub(super) enum Kernel {
     /// [`Accuracy::Film`].
     Eight(Spreading<8, 6>),
