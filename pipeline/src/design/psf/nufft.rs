@@ -3,7 +3,7 @@
 //! ```text
 //! U(j, k) = Σ c_i e^{i (j s_i + k t_i)}        j, k = −h..h,   |s|, |t| < π
 //! ```
-//! Each point is spread on a fine grid (1.5 times as many cells as outputs) with a kernel φ ([`super::spreading`]), transformed by an FFT
+//! Each point is spread on a fine grid (1.5 times as many cells as outputs) with a kernel φ (`spreading`), transformed by an FFT
 //! (`fourier`), and divided by the spectrum of φ. Errors: [`Accuracy`]. They are what U has beyond the grid, of which φ lets that part pass: of a
 //! PSF there is next to nothing.
 //! Only the cells that the points cover are stored, and columns and rows without points or outputs are not transformed.
