@@ -90,14 +90,14 @@ fn edges_by_huygens_sums_are_those_of_the_whole_psf() {
 
 #[test]
 fn edges_by_sums_of_longer_waves_are_those_of_the_whole_psf() {
-    // 2.5 mm out of focus: samples of the middle part are 9 to 10 times as wide as the Nyquist pitch.
+    // 2.5 mm out of focus: samples of the middle part, which has 94 % of the light, are 9 to 10 times as wide as the Nyquist pitch. On the axis 1.3e-3; the band's own waves have 6e-4.
     let mut system = System::double_gauss_28();
     let image = system.image();
     system.surfaces[image - 1].thickness_mm += 2.5;
     let case = Case { um: 0.4, last_mm: 20.0, window: 401, half: MAX_HALF };
     for [across, along, light, beyond] in errors(&system, &case) {
         println!("columns {across:.1e}, rows {along:.1e}, light {light:.1e}; {beyond:.1e} beyond the window");
-        assert!(across < 2.5e-3 && along < 2.5e-3 && light < 2e-4, "{across} {along} {light}, {beyond}");
+        assert!(across < 3.5e-3 && along < 2.5e-3 && light < 4e-4, "{across} {along} {light}, {beyond}");
     }
 }
 
