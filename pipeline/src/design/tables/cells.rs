@@ -67,24 +67,19 @@ pub(super) fn check(
     cells: &[usize],
     report: &mut dyn FnMut(&'static str, usize),
 ) -> Result<Vec<CellError>, DesignError> {
-    let requested: Vec<(f64, f64)> = cells.iter().flat_map(|k| kernels_of_cell(nodes, *k)).collect();
-    report("checking", 0);
-    report("checking", kernels.fill(pupils, &requested)?);
+    fill(kernels, pupils, cells.iter().flat_map(|k| kernels_of_cell(nodes, *k)), report)?;
     let kernels = &*kernels;
-    let (heights, azimuths) = nodes;
-    let angular = |k: usize| {
-        let between = kernels.mean_with_mirror(kernels.at(heights[k], half_step(azimuths, k)));
-        Difference::of(&between, kernels.at(heights[k], 0.0))
-    };
+    let unrotated = |k: usize| kernels.at(nodes.0[k], 0.0);
     Ok(cells
         .par_iter()
         .map(|&k| {
-            let truth = kernels.at(middle(heights, k), 0.0);
-            let unrotated = mean(kernels.at(heights[k - 1], 0.0), kernels.at(heights[k], 0.0));
+            let truth = kernels.at(middle(nodes.0, k), 0.0);
+            let [a, b] = [k - 1, k].map(|k| half_way(kernels, nodes, k));
+            let angular = |k: usize, between: &[f32]| Difference::of(between, unrotated(k));
             CellError {
-                total: total(kernels, nodes, k),
-                radial: Difference::of(&unrotated, truth),
-                angular: angular(k - 1).with(angular(k), f64::max),
+                total: Difference::of(&mean(&a, &b), truth),
+                radial: Difference::of(&mean(unrotated(k - 1), unrotated(k)), truth),
+                angular: angular(k - 1, &a).with(angular(k, &b), f64::max),
             }
         })
         .collect())
@@ -98,17 +93,30 @@ pub(super) fn totals(
     cells: &[usize],
     report: &mut dyn FnMut(&'static str, usize),
 ) -> Result<Vec<Difference>, DesignError> {
-    let requested: Vec<(f64, f64)> = cells.iter().flat_map(|k| kernels_of_total(nodes, *k)).collect();
-    report("checking", 0);
-    report("checking", kernels.fill(pupils, &requested)?);
+    fill(kernels, pupils, cells.iter().flat_map(|k| kernels_of_total(nodes, *k)), report)?;
     let kernels = &*kernels;
-    Ok(cells.par_iter().map(|k| total(kernels, nodes, *k)).collect())
+    let total = |k: &usize| {
+        let [a, b] = [k - 1, *k].map(|k| half_way(kernels, nodes, k));
+        Difference::of(&mean(&a, &b), kernels.at(middle(nodes.0, *k), 0.0))
+    };
+    Ok(cells.par_iter().map(total).collect())
 }
 
-/// The error of cell `k`, whose kernels have been computed.
-fn total(kernels: &Kernels<'_>, (heights, azimuths): (&[f64], &[usize]), k: usize) -> Difference {
-    let between = |k: usize| kernels.mean_with_mirror(kernels.at(heights[k], half_step(azimuths, k)));
-    Difference::of(&mean(&between(k - 1), &between(k)), kernels.at(middle(heights, k), 0.0))
+/// Computes the kernels `requested` that are missing.
+fn fill(
+    kernels: &mut Kernels<'_>,
+    pupils: &mut Pupils<'_>,
+    requested: impl Iterator<Item = (f64, f64)>,
+    report: &mut dyn FnMut(&'static str, usize),
+) -> Result<(), DesignError> {
+    report("checking", 0);
+    report("checking", kernels.fill(pupils, &requested.collect::<Vec<_>>())?);
+    Ok(())
+}
+
+/// What is interpolated at height `k` half-way between two azimuths, which have been computed.
+fn half_way(kernels: &Kernels<'_>, (heights, azimuths): (&[f64], &[usize]), k: usize) -> Vec<f32> {
+    kernels.mean_with_mirror(kernels.at(heights[k], half_step(azimuths, k)))
 }
 
 /// The middle between the heights of cell `k`, mm.

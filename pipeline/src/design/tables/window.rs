@@ -35,19 +35,25 @@ const INNER_LIGHT: f64 = 0.7;
 /// Samples to either side and pitch [µm] of PSFs whose kernels of `core_px` pixels are compared, not kept: coarser than `pitch_um` where a film
 /// pixel has at least two samples a side.
 pub(in crate::design) fn core_samples(core_px: usize, film_pitch_um: f64, pitch_um: f64) -> (usize, f64) {
-    let coarse_um = coarse_um(film_pitch_um, pitch_um);
-    (half_samples(core_px, film_pitch_um, coarse_um), coarse_um)
+    samples(core_px, film_pitch_um, coarse_um(film_pitch_um, pitch_um))
 }
 
 /// The same in a wide window: the blur has hardly any light at the frequencies that then look like those that film pixels pass.
 pub(super) fn wide_core_samples(core_px: usize, film_pitch_um: f64, pitch_um: f64) -> (usize, f64) {
-    let coarse_um = (COARSEST * pitch_um).min(0.5 * film_pitch_um).max(pitch_um);
-    (half_samples(core_px, film_pitch_um, coarse_um), coarse_um)
+    samples(core_px, film_pitch_um, coarser_um(film_pitch_um, pitch_um, COARSEST))
 }
 
 /// Pitch of [`core_samples`], µm.
 pub(super) fn coarse_um(film_pitch_um: f64, pitch_um: f64) -> f64 {
-    (COARSER * pitch_um).min(0.5 * film_pitch_um).max(pitch_um)
+    coarser_um(film_pitch_um, pitch_um, COARSER)
+}
+
+fn samples(core_px: usize, film_pitch_um: f64, coarse_um: f64) -> (usize, f64) {
+    (half_samples(core_px, film_pitch_um, coarse_um), coarse_um)
+}
+
+fn coarser_um(film_pitch_um: f64, pitch_um: f64, coarser: f64) -> f64 {
+    (coarser * pitch_um).min(0.5 * film_pitch_um).max(pitch_um)
 }
 
 /// Side of the window that is examined first, at least, and by how much it exceeds the estimate from rays, µm; on pixels below [`FINE_UM`] as many pixels
