@@ -59,6 +59,9 @@ use tile_source::TileSource;
 ///
 /// # Errors
 /// The first [`RunError`] after which [`Progress::continue_after`] does not continue; shards committed before remain.
+///
+/// # Panics
+/// If `compute`, `sink`, `chart` or `progress` do, once all threads have ended.
 pub fn run<C: Compute, S: FilmSink>(
     work: &Work<'_>,
     chart: &dyn ChartSource,
@@ -89,17 +92,21 @@ pub fn run<C: Compute, S: FilmSink>(
     std::thread::scope(|scope| {
         let (encoded_out, encoded_in) = ShardWriter::<S>::queue();
         let state = &state;
-        scope.spawn(move || state.prepare_bands());
+        scope.spawn(move || state.or_stop(|| state.prepare_bands()));
         for _ in 0..state.writer.threads() {
             let inbox = encoded_in.clone();
-            scope.spawn(move || state.writer.write(&inbox, progress, &|error| state.fail(error)));
+            scope.spawn(move || {
+                // Ends the workers that wait for it, if it panics.
+                let _drained = state.writer.drained_at_end(&inbox);
+                state.or_stop(|| state.writer.write(&inbox, progress, &|error| state.fail(error)));
+            });
         }
         for (queue, figures) in work.gpus.iter().zip(&figures) {
-            scope.spawn(move || gpu_queue::run_queue(state, queue, figures));
+            scope.spawn(move || state.or_stop(|| gpu_queue::run_queue(state, queue, figures)));
         }
         for _ in 0..work.threads.max(1) {
             let encoded = encoded_out.clone();
-            scope.spawn(move || state.worker(&encoded));
+            scope.spawn(move || state.or_stop(|| state.worker(&encoded)));
         }
     });
     let (tiles, pixels) = state.adder.added();

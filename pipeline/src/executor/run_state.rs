@@ -18,6 +18,7 @@ use crate::flow::{ChartSource, FilmSink, SourceSinkError};
 use crate::stages::Compute;
 use crate::tiling::{ShardId, tiles_needed};
 use std::collections::BTreeSet;
+use std::panic::{AssertUnwindSafe, catch_unwind, resume_unwind};
 use std::sync::Mutex;
 use std::sync::atomic::{AtomicBool, Ordering};
 
@@ -45,11 +46,23 @@ impl<C: Compute, S: FilmSink> RunState<'_, C, S> {
             return;
         }
         self.error.lock().expect("no panic while held").get_or_insert(error);
+        self.stop();
+    }
+
+    /// Runs `work` of a thread; if it panics, the other threads end as well, so that the panic reaches the caller of the run.
+    pub(super) fn or_stop(&self, work: impl FnOnce()) {
+        if let Err(panic) = catch_unwind(AssertUnwindSafe(work)) {
+            self.stop();
+            resume_unwind(panic);
+        }
+    }
+
+    fn stop(&self) {
         self.failed.store(true, Ordering::SeqCst);
-        self.reads.close();
-        self.rows.close();
         self.source.close();
         self.signal.notify_all();
+        self.reads.close();
+        self.rows.close();
     }
 
     /// Whether the run has failed.

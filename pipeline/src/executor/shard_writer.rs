@@ -84,8 +84,10 @@ impl<'a, S: FilmSink> ShardWriter<'a, S> {
         failed: &dyn Fn(RunError),
     ) {
         for (id, encoded) in queue {
-            let committed = self.clock.of(Phase::Write).time(|| self.sink.commit(encoded));
-            self.release();
+            let committed = {
+                let _released = Released(self);
+                self.clock.of(Phase::Write).time(|| self.sink.commit(encoded))
+            };
             match committed {
                 Ok(written) => {
                     self.shards.fetch_add(1, Ordering::Relaxed);
@@ -97,8 +99,31 @@ impl<'a, S: FilmSink> ShardWriter<'a, S> {
         }
     }
 
+    /// Takes the rest of `queue` when it is dropped: what a panic has left there, as workers wait for others to be written.
+    pub(super) fn drained_at_end(&'a self, queue: &'a Receiver<Encoded<S>>) -> impl Drop {
+        Drained(self, queue)
+    }
+
     /// Shards and bytes written.
     pub(super) fn written(&self) -> (u64, u64) {
         (self.shards.load(Ordering::Relaxed), self.bytes.load(Ordering::Relaxed))
+    }
+}
+
+/// Makes way for another encoded shard when it is dropped, also by a panic.
+struct Released<'a, 'b, S: FilmSink>(&'a ShardWriter<'b, S>);
+
+impl<S: FilmSink> Drop for Released<'_, '_, S> {
+    fn drop(&mut self) {
+        self.0.release();
+    }
+}
+
+/// See [`ShardWriter::drained_at_end`].
+struct Drained<'a, S: FilmSink>(&'a ShardWriter<'a, S>, &'a Receiver<Encoded<S>>);
+
+impl<S: FilmSink> Drop for Drained<'_, S> {
+    fn drop(&mut self) {
+        self.1.iter().for_each(|_| self.0.release());
     }
 }

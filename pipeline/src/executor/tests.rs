@@ -10,6 +10,7 @@ use crate::psf::blocks::Blocks;
 use crate::stages::cuda::band::GpuBand;
 use crate::tiling::{FilmRegion, ShardId, Tiling};
 use std::collections::BTreeSet;
+use std::panic::{AssertUnwindSafe, catch_unwind};
 use std::sync::atomic::AtomicU64;
 use std::sync::{Arc, mpsc};
 use std::time::Duration;
@@ -45,6 +46,16 @@ struct Ones<'a> {
     tail: usize,
     /// Set after so many tiles.
     cancel: Option<(u64, &'a AtomicBool)>,
+    panics: Option<Panics>,
+}
+
+/// Where a run panics.
+#[derive(Clone, Copy, Debug, PartialEq)]
+enum Panics {
+    Prepare,
+    Compute,
+    Encode,
+    Commit,
 }
 
 impl Compute for Ones<'_> {
@@ -54,7 +65,8 @@ impl Compute for Ones<'_> {
     fn spectra_built(&self) -> u64 {
         0
     }
-    fn prepare(&self, _position: usize) -> Result<(), SourceSinkError> {
+    fn prepare(&self, position: usize) -> Result<(), SourceSinkError> {
+        assert!(position == 0 || self.panics != Some(Panics::Prepare), "on purpose");
         Ok(())
     }
     fn compute(
@@ -77,6 +89,7 @@ impl Compute for Ones<'_> {
             TileTime::Asleep(time) => std::thread::sleep(time),
         }
         let tiles = self.tiles.fetch_add(1, Ordering::Relaxed) + 1;
+        assert!(tiles != 99 || self.panics != Some(Panics::Compute), "on purpose");
         if let Some((after, cancel)) = self.cancel {
             cancel.fetch_or(tiles >= after, Ordering::Relaxed);
         }
@@ -115,15 +128,17 @@ impl Compute for Ones<'_> {
 
 /// Number of pixels that are 1.
 #[derive(Default)]
-struct Count(AtomicU64);
+struct Count(AtomicU64, Option<Panics>);
 
 impl FilmSink for Count {
     type Encoded = u64;
 
     fn encode(&self, _id: ShardId, rect: Rect, pixels: &ShardPixels) -> Result<u64, SourceSinkError> {
+        assert!(self.1 != Some(Panics::Encode), "on purpose");
         Ok((0..rect.height).flat_map(|y| pixels.row(y)).filter(|v| **v == 1.0).count() as u64)
     }
     fn commit(&self, ones: u64) -> Result<u64, SourceSinkError> {
+        assert!(self.1 != Some(Panics::Commit), "on purpose");
         self.0.fetch_add(ones, Ordering::Relaxed);
         Ok(0)
     }
@@ -160,7 +175,7 @@ fn schedule(bands: usize, side: usize, threads: usize, time: TileTime) -> f64 {
         gpus: &[],
         cancel: &cancel,
     };
-    let compute = Ones { time, tiles: AtomicU64::new(0), tail: 0, cancel: None };
+    let compute = Ones { time, tiles: AtomicU64::new(0), tail: 0, cancel: None, panics: None };
     let sink = Count::default();
     let summary = run(&work, &Blank(film), &sink, &compute, &()).unwrap();
     let tiles = (bands * side.div_ceil(TILE).pow(2)) as u64;
@@ -190,7 +205,13 @@ fn cancelled(threads: usize, after: u64) -> (u64, u64) {
     let work =
         Work { film, regions: &[region], bands, threads, max_encoded_shards: 3, gpus: &[], cancel: &cancel };
     let time = TileTime::Busy(Duration::from_micros(3));
-    let compute = Ones { time, tiles: AtomicU64::new(0), tail: window - 1, cancel: Some((after, &cancel)) };
+    let compute = Ones {
+        time,
+        tiles: AtomicU64::new(0),
+        tail: window - 1,
+        cancel: Some((after, &cancel)),
+        panics: None,
+    };
     let summary = run(&work, &Blank(film), &Count::default(), &compute, &()).unwrap();
     assert!(summary.interrupted);
     (compute.tiles.into_inner(), summary.shards)
@@ -226,6 +247,31 @@ fn cancelled_run_ends_at_any_tile_although_tiles_wait_for_others() {
         [0, 1, 2, 3, 4],
         "shards that were complete are written"
     );
+}
+
+#[test]
+fn a_panic_of_any_thread_ends_the_run() {
+    let side = 20 * TILE;
+    for panics in [Panics::Prepare, Panics::Compute, Panics::Encode, Panics::Commit] {
+        for threads in [1, 4, 16] {
+            let (done, ended) = mpsc::channel();
+            std::thread::spawn(move || {
+                let (film, cancel) = (Size::new(side, side), AtomicBool::new(false));
+                let (region, bands) = bands_of(3, side, 1);
+                let (regions, gpus) = (&[region], &[]);
+                let work =
+                    Work { film, regions, bands, threads, max_encoded_shards: 1, gpus, cancel: &cancel };
+                let (time, tiles, panics) = (TileTime::Busy(Duration::ZERO), AtomicU64::new(0), Some(panics));
+                let compute = Ones { time, tiles, tail: 0, cancel: None, panics };
+                let sink = Count(AtomicU64::new(0), panics);
+                let result =
+                    catch_unwind(AssertUnwindSafe(|| run(&work, &Blank(film), &sink, &compute, &())));
+                done.send(result.is_err()).expect("the test runs");
+            });
+            let panicked = ended.recv_timeout(Duration::from_secs(60));
+            assert_eq!(panicked, Ok(true), "{panics:?} with {threads} threads");
+        }
+    }
 }
 
 /// CPU seconds of this process.

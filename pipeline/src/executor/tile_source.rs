@@ -9,7 +9,7 @@ use super::signal::Signal;
 use super::work::BandInFlight;
 use std::collections::{BTreeMap, BTreeSet};
 use std::sync::atomic::{AtomicBool, Ordering};
-use std::sync::{Arc, Condvar, Mutex, MutexGuard};
+use std::sync::{Arc, Condvar, Mutex, MutexGuard, PoisonError};
 
 /// Consecutive items of a band.
 pub(super) struct Batch<B> {
@@ -147,9 +147,9 @@ impl<'a, B> TileSource<'a, B> {
         self.signal.notify_all();
     }
 
-    /// Accepts no further bands: the run has ended or failed.
+    /// Accepts no further bands: the run has ended, failed or panicked.
     pub(super) fn close(&self) {
-        self.lock().closed = true;
+        self.state.lock().unwrap_or_else(PoisonError::into_inner).closed = true;
         self.taken.notify_all();
     }
 
