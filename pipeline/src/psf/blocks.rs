@@ -39,6 +39,10 @@ const SPECTRUM: f64 = 0.7;
 /// Upper bound of a tile's side, px, unless one block is larger: the buffers of a tile stay in the caches.
 pub(super) const TILE_SIDE: usize = 512;
 
+/// Bytes of the copies of a block, each with the weights of a node, that a SIMD engine transforms together: with its other buffers in an L2 of 512 KiB.
+/// Measured with AVX-512 and a node per 15,000 px: 81 Mpx/s with one node at a time, 88 with 256 KiB, 86 with 512 KiB and 1 MiB.
+pub(super) const BATCH_BYTES: usize = 256 << 10;
+
 /// The partition of one band.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct Blocks {

@@ -1,6 +1,6 @@
 //! Memory of the PSF stage, bytes.
 
-use super::blocks::Blocks;
+use super::blocks::{BATCH_BYTES, Blocks};
 use super::grid::{CartesianNodes, NodeGrid, PolarNodes, Positions};
 use super::kernel::BaseGroup;
 use crate::geometry::Rect;
@@ -17,13 +17,15 @@ pub fn scratch_bytes(blocks: &Blocks, samples: usize) -> usize {
     if blocks.fft == 0 {
         return 0;
     }
-    // Three complex planes; radius and azimuth of each pixel of a block.
-    let engine = 3 * blocks.spectrum_bytes() + 8 * blocks.block * blocks.block;
+    // Three complex planes, or one of them a batch of copies of a block; radius and azimuth of each pixel of a block.
+    let engine = 3 * blocks.spectrum_bytes() + BATCH_BYTES + 8 * blocks.block * blocks.block;
+    // Spectra of a batch, which are in use when the cache evicts them: blocks fill at least half of a transform.
+    let spectra = 2 * BATCH_BYTES;
     let window = blocks.window;
     // To prepare a PSF: two planes of samples and the film window, f64. To rotate it: samples, samples integrated along one axis and
     // their transpose, the film window and the kernel, f32.
     let kernel = 20 * samples * samples + 8 * samples * window + 16 * window * window;
-    2 * engine + kernel
+    2 * engine + spectra + kernel
 }
 
 /// `psfs` PSFs of one band, ready for kernels: spline coefficients with margins, and kernels at azimuth 0. Before they are

@@ -2,13 +2,15 @@
 //!
 //! Per block:
 //!   1. pack it with its coordinates, one panel (as many columns as lanes) at a time ([`block`]);
-//!   2. per node that touches it, per panel in which the node's weight is above 0: weight → right-angle transform along y →
-//!      transpose into groups of spectral rows;
-//!   3. per group: FFT along x ([`fft`]), whose last stage multiplies by the node's spectrum and accumulates;
+//!   2. per panel, per node whose weight is above 0 in it: weight → right-angle transform along y → transpose into groups of
+//!      spectral rows;
+//!   3. per group, per node: FFT along x ([`fft`]), whose last stage multiplies by the node's spectrum and accumulates;
 //!   4. once: inverse along x, transpose, inverse along y, add to the output.
 //!
 //! For speed: no bit reversal, no partly filled register, all F/2 spectral rows use the same code, weights computed from 12 bytes per
-//! pixel instead of stored, panels of zero weight or zero pixels skipped, all buffers of a block in L2. A spectrum is stored in the
+//! pixel instead of stored, panels of zero weight or zero pixels skipped, all buffers of a block in L2. Nodes take turns, as many as have copies of the
+//! block in [`BATCH_BYTES`], within a panel and within a group, so that its pixels, or its part of the sum, stay in L1; meanwhile the next group
+//! of each spectrum, which lies in L3 or beyond, is prefetched. A spectrum is stored in the
 //! order of its product: `[F/2/LANES groups][F columns, digits reversed][LANES re, LANES im]`, scaled by 2/F².
 //!
 //! `unsafe` is confined to [`crate::simd`] (dispatch, intrinsics), the loops of [`fft`] and the layout of [`complex`].
@@ -21,19 +23,21 @@ pub(crate) mod images;
 
 use crate::buffer::AlignedBuf;
 use crate::psf::block_view::{BlockView, Spectra};
-use crate::psf::blocks::Blocks;
+use crate::psf::blocks::{BATCH_BYTES, Blocks};
 use crate::psf::grid::{Node, NodeGrid, NodeWeight};
 use crate::psf::polar::PolarExtent;
 use crate::real;
 use crate::simd::Simd;
 use crate::simd::lanes::{Dispatch, Lanes};
 use block::{
-    AddTo, ApplyWeight, Coordinates, FromGroups, KernelColumns, Pack, PanelExtent, Pixels, ToGroups,
-    clear_columns,
+    AddTo, ApplyWeight, Coordinates, FromGroups, KernelColumns, Pack, PanelExtent, Pixels, RadialWeights,
+    ToGroups, clear_columns,
 };
 use bytemuck::{cast_slice, cast_slice_mut};
 use complex::Complex;
-use fft::Fft;
+use fft::{Fft, Prefetch};
+use std::iter::{once, repeat};
+use std::sync::Arc;
 
 /// Transforms of one FFT size, one column per lane of `V`.
 #[derive(Debug)]
@@ -56,7 +60,10 @@ pub(crate) struct Scratch {
     extents: Vec<PanelExtent>,
     /// r and θ of a block near the axis.
     near: (Vec<f32>, Vec<f32>),
+    /// Of a packed panel.
+    radial: AlignedBuf,
     panel: AlignedBuf,
+    line: AlignedBuf,
     groups: AlignedBuf,
     sum: AlignedBuf,
     nodes: Vec<(Node, NodeWeight)>,
@@ -97,8 +104,10 @@ impl<V: Lanes> Columns<V> {
             packed: AlignedBuf::zeroed(panels * self.block * 3 * V::LANES),
             extents: vec![empty; panels],
             near: (vec![0.0; self.block * self.block], vec![0.0; self.block * self.block]),
+            radial: AlignedBuf::zeroed(self.block * V::LANES),
             panel: AlignedBuf::zeroed(self.half * 2 * V::LANES),
-            groups: AlignedBuf::zeroed(self.spectrum_len()),
+            line: AlignedBuf::zeroed(self.fft * 2 * V::LANES),
+            groups: AlignedBuf::zeroed(self.spectrum_len().max(BATCH_BYTES / size_of::<f32>())),
             sum: AlignedBuf::zeroed(self.spectrum_len()),
             nodes: Vec::new(),
         }
@@ -122,7 +131,7 @@ impl<V: Lanes> Columns<V> {
                 panel,
             });
             self.along_y.forward(panel);
-            self.dispatch.run(ToGroups { panel, groups, fft: self.fft, first_column });
+            self.dispatch.run(ToGroups { panel, groups, stride: self.fft, first_column });
         }
         for group in groups.chunks_exact_mut(self.fft) {
             self.along_x.forward(group);
@@ -144,43 +153,89 @@ impl<V: Lanes> Columns<V> {
     ) {
         let (rows, cols) = (block.place.rows, block.place.cols);
         let panels = cols.div_ceil(V::LANES);
-        let block_extent = self.pack(block, grid, s);
-        grid.touching(&block_extent, &mut s.nodes);
-        let (packed, panel, groups, sum): (&[Pixels<V>], _, _, _) = (
-            cast_slice(&s.packed),
-            cast_slice_mut::<_, Complex<V>>(&mut s.panel),
-            cast_slice_mut::<_, Complex<V>>(&mut s.groups),
-            cast_slice_mut::<_, Complex<V>>(&mut s.sum),
-        );
-        let mut first = true;
-        for (node, weight) in &s.nodes {
-            let touches = |extent: &PanelExtent| extent.touches(weight, block_extent.wraps);
-            if !s.extents[..panels].iter().any(touches) {
-                continue;
-            }
-            for (i, extent) in s.extents[..panels].iter().enumerate() {
-                let first_column = i * V::LANES;
-                if !touches(extent) {
-                    clear_columns::<V>(groups, self.fft, first_column);
-                    continue;
-                }
-                let pixels = &packed[i * self.block..][..rows];
-                self.apply_weight(weight, block_extent.wraps, pixels, panel);
-                self.along_y.forward(panel);
-                self.dispatch.run(ToGroups { panel, groups, fft: self.fft, first_column });
-            }
-            let spectrum = spectra.get(*node);
-            let spectrum: &[Complex<V>] = cast_slice(&spectrum);
-            let products = groups.chunks_exact_mut(self.fft).zip(spectrum.chunks_exact(self.fft));
-            for ((group, spectrum), sum) in products.zip(sum.chunks_exact_mut(self.fft)) {
-                self.along_x.forward_onto(group, panels * V::LANES, spectrum, sum, first);
-            }
-            first = false;
-        }
-        if first {
+        let PolarExtent { wraps, .. } = self.touching(block, grid, s);
+        if s.nodes.is_empty() {
             return; // all pixels are 0
         }
+        let nodes = std::mem::take(&mut s.nodes);
+        for (batch, first) in nodes.chunks(self.batch(panels)).zip(once(true).chain(repeat(false))) {
+            let held: Vec<_> = batch.iter().map(|(node, _)| spectra.get(*node)).collect();
+            self.transform_weighted(batch, &held, (rows, panels), wraps, s);
+            self.accumulate(&held, panels, first, s);
+        }
+        s.nodes = nodes;
         self.add_inverse((rows, cols), out, out_stride, s);
+    }
+
+    /// Packs the block, and keeps in `s.nodes` those whose weight may be above 0 at a pixel of it that is not 0.
+    fn touching(&self, block: &BlockView<'_>, grid: &NodeGrid, s: &mut Scratch) -> PolarExtent {
+        let extent = self.pack(block, grid, s);
+        grid.touching(&extent, &mut s.nodes);
+        let panels = &s.extents[..block.place.cols.div_ceil(V::LANES)];
+        s.nodes.retain(|(_, weight)| panels.iter().any(|panel| panel.touches(weight, extent.wraps)));
+        extent
+    }
+
+    /// Number of nodes whose weighted copies of a block of `panels` panels are transformed together.
+    fn batch(&self, panels: usize) -> usize {
+        (BATCH_BYTES / (size_of::<Complex<V>>() * self.half * panels)).max(1)
+    }
+
+    /// Transforms the block times the weight of each node of `batch` along y: to `s.groups`, node after node, groups of the filled columns.
+    fn transform_weighted(
+        &self,
+        batch: &[(Node, NodeWeight)],
+        spectra: &[Arc<AlignedBuf>],
+        (rows, panels): (usize, usize),
+        wraps: bool,
+        s: &mut Scratch,
+    ) {
+        let filled = panels * V::LANES;
+        let (packed, radial, panel, groups): (&[Pixels<V>], &mut [V], _, _) = (
+            cast_slice(&s.packed),
+            cast_slice_mut(&mut s.radial),
+            cast_slice_mut::<_, Complex<V>>(&mut s.panel),
+            cast_slice_mut::<_, Complex<V>>(&mut s.groups),
+        );
+        // A panel of pixels serves all nodes while it is in L1.
+        for (i, extent) in s.extents[..panels].iter().enumerate() {
+            let (first_column, pixels) = (i * V::LANES, &packed[i * self.block..][..rows]);
+            let mut height = None;
+            let of_nodes = groups.chunks_exact_mut(self.half / V::LANES * filled);
+            for (((node, weight), spectrum), groups) in batch.iter().zip(spectra).zip(of_nodes) {
+                let first_group = &cast_slice(spectrum)[..self.fft];
+                let part = self.fft.div_ceil(panels);
+                self.dispatch.run(Prefetch::<V>(first_group.chunks(part).nth(i).unwrap_or_default()));
+                if !extent.touches(weight, wraps) {
+                    clear_columns::<V>(groups, filled, first_column);
+                    continue;
+                }
+                if height.replace(node.k) != Some(node.k) {
+                    self.dispatch.run(RadialWeights { weight, pixels, to: &mut *radial });
+                }
+                self.apply_weight(weight, wraps, (pixels, &*radial), panel);
+                self.along_y.forward(panel);
+                self.dispatch.run(ToGroups { panel, groups, stride: filled, first_column });
+            }
+        }
+    }
+
+    /// Transforms the copies of `s.groups`, of `panels` panels each, along x and adds their products with `spectra` to `s.sum`, or assigns it the sum if they are the `first`.
+    fn accumulate(&self, spectra: &[Arc<AlignedBuf>], panels: usize, first: bool, s: &mut Scratch) {
+        let (line, groups, sum): (_, &[Complex<V>], _) = (
+            cast_slice_mut::<_, Complex<V>>(&mut s.line),
+            cast_slice(&s.groups),
+            cast_slice_mut::<_, Complex<V>>(&mut s.sum),
+        );
+        let filled = panels * V::LANES;
+        // A group of the sum stays in L1 for all nodes.
+        for (i, sum) in sum.chunks_exact_mut(self.fft).enumerate() {
+            for (node, spectrum) in spectra.iter().enumerate() {
+                let from = &groups[(node * (self.half / V::LANES) + i) * filled..][..filled];
+                let (spectrum, rest) = cast_slice(spectrum)[i * self.fft..].split_at(self.fft);
+                self.along_x.forward_onto(from, line, (spectrum, rest), sum, first && node == 0);
+            }
+        }
     }
 
     /// Adds the inverse transform of `s.sum`, of a block of `rows` × `cols` pixels, to `out`.
@@ -230,11 +285,17 @@ impl<V: Lanes> Columns<V> {
         extent
     }
 
-    fn apply_weight(&self, weight: &NodeWeight, wraps: bool, pixels: &[Pixels<V>], panel: &mut [Complex<V>]) {
+    fn apply_weight(
+        &self,
+        weight: &NodeWeight,
+        wraps: bool,
+        (pixels, radial): (&[Pixels<V>], &[V]),
+        panel: &mut [Complex<V>],
+    ) {
         let omega = &self.omega[..];
         match wraps {
-            true => self.dispatch.run(ApplyWeight::<V, true> { weight, pixels, omega, panel }),
-            false => self.dispatch.run(ApplyWeight::<V, false> { weight, pixels, omega, panel }),
+            true => self.dispatch.run(ApplyWeight::<V, true> { weight, pixels, radial, omega, panel }),
+            false => self.dispatch.run(ApplyWeight::<V, false> { weight, pixels, radial, omega, panel }),
         }
     }
 }

@@ -111,6 +111,12 @@ impl Lanes for Avx2 {
     }
 
     #[inline(always)]
+    fn prefetch_l2(from: &[f32], at: usize) {
+        // SAFETY: a hint on every x86-64 processor, of any address.
+        unsafe { _mm_prefetch::<_MM_HINT_T1>(from.as_ptr().wrapping_add(at).cast()) }
+    }
+
+    #[inline(always)]
     fn store(self, to: &mut [f32]) {
         let to = &mut to[..Self::LANES];
         // SAFETY: as in `avx2!`; the slice holds 8 values.
@@ -125,11 +131,6 @@ impl Lanes for Avx2 {
     #[inline(always)]
     fn reduce_max(self) -> f32 {
         bytemuck::cast::<_, [f32; 8]>(self).into_iter().fold(f32::NEG_INFINITY, f32::max)
-    }
-
-    #[inline(always)]
-    fn transpose(rows: &mut [Self]) {
-        transpose(rows.try_into().expect("8 rows"));
     }
 
     #[inline(always)]
@@ -223,29 +224,5 @@ impl Lanes for Avx2 {
     #[inline(always)]
     fn equals(a: Self::I32, b: i32) -> Self::Mask {
         avx2!(_mm256_castsi256_ps(_mm256_cmpeq_epi32(a, _mm256_set1_epi32(b))))
-    }
-}
-
-/// 8 × 8 in registers: pairs, then quadruples within 128 bits, then the halves.
-#[inline(always)]
-fn transpose(r: &mut [Avx2; 8]) {
-    let mut t = [Avx2::zeroed(); 8];
-    for i in 0..4 {
-        let (a, b) = (r[2 * i].0, r[2 * i + 1].0);
-        t[2 * i] = Avx2(avx2!(_mm256_unpacklo_ps(a, b)));
-        t[2 * i + 1] = Avx2(avx2!(_mm256_unpackhi_ps(a, b)));
-    }
-    for i in 0..2 {
-        for half in 0..2 {
-            let (a, b) = (t[4 * i + half].0, t[4 * i + 2 + half].0);
-            r[4 * i + 2 * half] = Avx2(avx2!(_mm256_shuffle_ps::<0x44>(a, b)));
-            r[4 * i + 2 * half + 1] = Avx2(avx2!(_mm256_shuffle_ps::<0xee>(a, b)));
-        }
-    }
-    t = *r;
-    for i in 0..4 {
-        let (a, b) = (t[i].0, t[i + 4].0);
-        r[i] = Avx2(avx2!(_mm256_permute2f128_ps::<0x20>(a, b)));
-        r[i + 4] = Avx2(avx2!(_mm256_permute2f128_ps::<0x31>(a, b)));
     }
 }

@@ -109,6 +109,12 @@ impl Lanes for Avx512 {
     }
 
     #[inline(always)]
+    fn prefetch_l2(from: &[f32], at: usize) {
+        // SAFETY: a hint on every x86-64 processor, of any address.
+        unsafe { _mm_prefetch::<_MM_HINT_T1>(from.as_ptr().wrapping_add(at).cast()) }
+    }
+
+    #[inline(always)]
     fn store(self, to: &mut [f32]) {
         let to = &mut to[..Self::LANES];
         // SAFETY: as in `avx512!`; the slice holds 16 values.
@@ -123,11 +129,6 @@ impl Lanes for Avx512 {
     #[inline(always)]
     fn reduce_max(self) -> f32 {
         avx512!(_mm512_reduce_max_ps(self.0))
-    }
-
-    #[inline(always)]
-    fn transpose(rows: &mut [Self]) {
-        transpose(rows.try_into().expect("16 rows"));
     }
 
     #[inline(always)]
@@ -213,38 +214,5 @@ impl Lanes for Avx512 {
     #[inline(always)]
     fn equals(a: Self::I32, b: i32) -> Self::Mask {
         avx512!(_mm512_cmpeq_epi32_mask(a, _mm512_set1_epi32(b)))
-    }
-}
-
-/// 16 × 16 in registers: pairs, then quadruples within 128 bits, then the 128-bit quarters.
-#[inline(always)]
-fn transpose(r: &mut [Avx512; 16]) {
-    let mut t = [Avx512::zeroed(); 16];
-    for i in 0..8 {
-        let (a, b) = (r[2 * i].0, r[2 * i + 1].0);
-        t[2 * i] = Avx512(avx512!(_mm512_unpacklo_ps(a, b)));
-        t[2 * i + 1] = Avx512(avx512!(_mm512_unpackhi_ps(a, b)));
-    }
-    for i in 0..4 {
-        for half in 0..2 {
-            let (low, high) = avx512!({
-                let (a, b) = (_mm512_castps_pd(t[4 * i + half].0), _mm512_castps_pd(t[4 * i + 2 + half].0));
-                (_mm512_castpd_ps(_mm512_unpacklo_pd(a, b)), _mm512_castpd_ps(_mm512_unpackhi_pd(a, b)))
-            });
-            r[4 * i + 2 * half] = Avx512(low);
-            r[4 * i + 2 * half + 1] = Avx512(high);
-        }
-    }
-    for i in 0..4 {
-        for half in 0..2 {
-            let (a, b) = (r[8 * half + i].0, r[8 * half + i + 4].0);
-            t[8 * half + i] = Avx512(avx512!(_mm512_shuffle_f32x4::<0x88>(a, b)));
-            t[8 * half + i + 4] = Avx512(avx512!(_mm512_shuffle_f32x4::<0xdd>(a, b)));
-        }
-    }
-    for i in 0..8 {
-        let (a, b) = (t[i].0, t[i + 8].0);
-        r[i] = Avx512(avx512!(_mm512_shuffle_f32x4::<0x88>(a, b)));
-        r[i + 8] = Avx512(avx512!(_mm512_shuffle_f32x4::<0xdd>(a, b)));
     }
 }

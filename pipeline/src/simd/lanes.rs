@@ -68,14 +68,14 @@ pub(crate) trait Lanes:
     fn load_first(from: &[f32], n: usize) -> Self;
     /// Prefetches the cache line of `from[at]` if that exists.
     fn prefetch(from: &[f32], at: usize);
+    /// Prefetches the cache line of `from[at]`, which should exist, into the cache of the second level.
+    fn prefetch_l2(from: &[f32], at: usize);
     /// Stores to the first `LANES` values.
     fn store(self, to: &mut [f32]);
     /// Minimum over the lanes.
     fn reduce_min(self) -> f32;
     /// Maximum over the lanes.
     fn reduce_max(self) -> f32;
-    /// Transposes `LANES` rows.
-    fn transpose(rows: &mut [Self]);
     /// Elements `index` of `low` followed by `high`, `2·LANES` values.
     fn permute(low: Self, high: Self, index: Self::I32) -> Self;
     /// `a` where `mask` is set, else `b`.
@@ -90,6 +90,14 @@ pub(crate) trait Lanes:
     /// # Safety
     /// They lie in `from`.
     unsafe fn load_quads(from: &[f32], at: &[i32; MAX_LANES], first: usize, offset: usize) -> Self;
+    /// Four columns of `LANES` rows that are `stride` apart: the first four values of each row. Loads gather the quads, as few ports have shuffles.
+    #[inline(always)]
+    fn transposed_quads(from: &[f32], stride: usize) -> [Self; 4] {
+        let at: [i32; MAX_LANES] = std::array::from_fn(|i| (i % Self::LANES * stride) as i32);
+        let from = &from[..(Self::LANES - 1) * stride + 4];
+        // SAFETY: the last of the rows has four values.
+        Self::transpose_quads(std::array::from_fn(|i| unsafe { Self::load_quads(from, &at, i, 0) }))
+    }
 
     /// The largest integer not above.
     fn floor(self) -> Self;

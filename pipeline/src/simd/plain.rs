@@ -91,6 +91,9 @@ impl Lanes for Plain {
     fn prefetch(_: &[f32], _: usize) {}
 
     #[inline(always)]
+    fn prefetch_l2(_: &[f32], _: usize) {}
+
+    #[inline(always)]
     fn store(self, to: &mut [f32]) {
         to[..8].copy_from_slice(&self.0);
     }
@@ -103,12 +106,6 @@ impl Lanes for Plain {
     #[inline(always)]
     fn reduce_max(self) -> f32 {
         self.0.into_iter().fold(f32::NEG_INFINITY, f32::max)
-    }
-
-    #[inline(always)]
-    fn transpose(rows: &mut [Self]) {
-        let from: [Self; 8] = from_fn(|i| rows[i]);
-        rows.iter_mut().enumerate().for_each(|(i, to)| *to = Self(from_fn(|k| from[k].0[i])));
     }
 
     #[inline(always)]

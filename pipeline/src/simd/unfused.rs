@@ -3,7 +3,7 @@
 
 use super::isa::Isa;
 use super::lanes::{Lanes, MAX_LANES, SimdOp};
-use bytemuck::{Pod, Zeroable, cast_slice_mut};
+use bytemuck::{Pod, Zeroable};
 use std::ops::{Add, Div, Mul, Sub};
 
 /// A register of `V`.
@@ -96,6 +96,11 @@ impl<V: Lanes> Lanes for Unfused<V> {
     }
 
     #[inline(always)]
+    fn prefetch_l2(from: &[f32], at: usize) {
+        V::prefetch_l2(from, at);
+    }
+
+    #[inline(always)]
     fn store(self, to: &mut [f32]) {
         self.0.store(to);
     }
@@ -108,11 +113,6 @@ impl<V: Lanes> Lanes for Unfused<V> {
     #[inline(always)]
     fn reduce_max(self) -> f32 {
         self.0.reduce_max()
-    }
-
-    #[inline(always)]
-    fn transpose(rows: &mut [Self]) {
-        V::transpose(cast_slice_mut(rows));
     }
 
     #[inline(always)]

@@ -266,14 +266,12 @@ impl<V: Lanes> SimdOp<V> for Transpose<'_> {
     fn run(self) {
         for y in (0..self.to_stride).step_by(V::LANES) {
             for x in (0..self.from_stride).step_by(V::LANES) {
-                let mut rows = [V::splat(0.0); MAX_LANES];
-                let rows = &mut rows[..V::LANES];
-                for i in 0..V::LANES {
-                    rows[i] = V::load(&self.from[(y + i) * self.from_stride + x..]);
-                }
-                V::transpose(rows);
-                for i in 0..V::LANES {
-                    rows[i].store(&mut self.to[(x + i) * self.to_stride + y..]);
+                for first in (x..x + V::LANES).step_by(4) {
+                    let columns =
+                        V::transposed_quads(&self.from[y * self.from_stride + first..], self.from_stride);
+                    for (i, column) in columns.into_iter().enumerate() {
+                        column.store(&mut self.to[(first + i) * self.to_stride + y..]);
+                    }
                 }
             }
         }

@@ -220,23 +220,45 @@ impl<V: Lanes> SplatWeight<V> {
         }
     }
 
-    /// The pixels times their weights.
-    #[inline(always)]
-    fn apply<const WRAPS: bool>(&self, pixels: &Pixels<V>) -> V {
-        pixels[0] * self.at::<WRAPS>(pixels)
-    }
-
     /// The weights at the pixels: [`NodeWeight::at`].
     #[inline(always)]
     pub(super) fn at<const WRAPS: bool>(&self, [_, r, theta]: &Pixels<V>) -> V {
-        let (zero, one) = (V::splat(0.0), V::splat(1.0));
+        self.radial(*r) * self.around::<WRAPS>(*theta)
+    }
+
+    /// The factor that depends on r.
+    #[inline(always)]
+    fn radial(&self, r: V) -> V {
         let rise = r.mul_add(self.rise, self.rise_at);
-        let radial = rise.min(r.mul_add(self.fall, self.fall_at)).max(zero);
-        let mut d = (*theta - self.azimuth).abs();
+        rise.min(r.mul_add(self.fall, self.fall_at)).max(V::splat(0.0))
+    }
+
+    /// The factor that depends on θ.
+    #[inline(always)]
+    fn around<const WRAPS: bool>(&self, theta: V) -> V {
+        let mut d = (theta - self.azimuth).abs();
         if WRAPS {
             d = d.min(V::splat(TAU) - d);
         }
-        radial * d.neg_mul_add(self.per_rad, one).max(zero)
+        d.neg_mul_add(self.per_rad, V::splat(1.0)).max(V::splat(0.0))
+    }
+}
+
+/// Weights of all nodes of a height at the pixels of a packed panel: their factor that depends on r.
+pub(super) struct RadialWeights<'a, V> {
+    pub(super) weight: &'a NodeWeight,
+    /// The rows of the block.
+    pub(super) pixels: &'a [Pixels<V>],
+    pub(super) to: &'a mut [V],
+}
+
+impl<V: Lanes> SimdOp<V> for RadialWeights<'_, V> {
+    #[inline(always)]
+    fn run(self) {
+        let weight = SplatWeight::<V>::new(self.weight);
+        for ([_, r, _], to) in self.pixels.iter().zip(self.to) {
+            *to = weight.radial(*r);
+        }
     }
 }
 
@@ -245,6 +267,8 @@ pub(super) struct ApplyWeight<'a, V, const WRAPS: bool> {
     pub(super) weight: &'a NodeWeight,
     /// The rows of the block.
     pub(super) pixels: &'a [Pixels<V>],
+    /// Of each row, from [`RadialWeights`].
+    pub(super) radial: &'a [V],
     pub(super) omega: &'a [[f32; 2]],
     pub(super) panel: &'a mut [Complex<V>],
 }
@@ -253,16 +277,20 @@ impl<V: Lanes, const WRAPS: bool> SimdOp<V> for ApplyWeight<'_, V, WRAPS> {
     #[inline(always)]
     fn run(self) {
         let weight = SplatWeight::<V>::new(self.weight);
+        let weighted =
+            |[pixels, _, theta]: &Pixels<V>, radial: V| *pixels * (radial * weight.around::<WRAPS>(*theta));
         let half = self.panel.len();
         let omega = &self.omega[..half];
-        let (upper, lower) = self.pixels.split_at(self.pixels.len().min(half));
-        let both = lower.len().min(upper.len());
+        let rows = self.pixels.len().min(half);
+        let (upper, lower) = self.pixels.split_at(rows);
+        let (radial, radial_of_lower) = self.radial[..self.pixels.len()].split_at(rows);
+        let both = lower.len().min(rows);
         for y in 0..both {
-            let (a, b) = (weight.apply::<WRAPS>(&upper[y]), weight.apply::<WRAPS>(&lower[y]));
+            let (a, b) = (weighted(&upper[y], radial[y]), weighted(&lower[y], radial_of_lower[y]));
             self.panel[y] = Complex { re: a, im: b }.times(omega[y]);
         }
-        for y in both..upper.len() {
-            let (a, w) = (weight.apply::<WRAPS>(&upper[y]), omega[y]);
+        for y in both..rows {
+            let (a, w) = (weighted(&upper[y], radial[y]), omega[y]);
             self.panel[y] = Complex { re: a * V::splat(w[0]), im: a * V::splat(w[1]) };
         }
         cast_slice_mut::<_, f32>(&mut self.panel[upper.len()..]).fill(0.0);
@@ -323,7 +351,8 @@ impl<V: Lanes> SimdOp<V> for ImageColumns<'_, V> {
 pub(super) struct ToGroups<'a, V> {
     pub(super) panel: &'a [Complex<V>],
     pub(super) groups: &'a mut [Complex<V>],
-    pub(super) fft: usize,
+    /// Columns of a group.
+    pub(super) stride: usize,
     pub(super) first_column: usize,
 }
 
@@ -331,7 +360,7 @@ impl<V: Lanes> SimdOp<V> for ToGroups<'_, V> {
     #[inline(always)]
     fn run(self) {
         let rows = self.panel.chunks_exact(V::LANES);
-        for (rows, group) in rows.zip(self.groups.chunks_exact_mut(self.fft)) {
+        for (rows, group) in rows.zip(self.groups.chunks_exact_mut(self.stride)) {
             Complex::transpose(rows, &mut group[self.first_column..][..V::LANES]);
         }
     }
@@ -355,9 +384,9 @@ impl<V: Lanes> SimdOp<V> for FromGroups<'_, V> {
     }
 }
 
-/// Zeros the columns of a panel in every group.
-pub(super) fn clear_columns<V: Lanes>(groups: &mut [Complex<V>], fft: usize, first_column: usize) {
-    for group in groups.chunks_exact_mut(fft) {
+/// Zeros the columns of a panel in every group of `stride` columns.
+pub(super) fn clear_columns<V: Lanes>(groups: &mut [Complex<V>], stride: usize, first_column: usize) {
+    for group in groups.chunks_exact_mut(stride) {
         cast_slice_mut::<_, f32>(&mut group[first_column..][..V::LANES]).fill(0.0);
     }
 }

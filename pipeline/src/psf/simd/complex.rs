@@ -1,8 +1,8 @@
 //! Complex numbers, one per lane.
 #![allow(unsafe_code, reason = "plain data of two registers")]
 
-use crate::simd::lanes::{Lanes, MAX_LANES};
-use bytemuck::{Pod, Zeroable};
+use crate::simd::lanes::Lanes;
+use bytemuck::{Pod, Zeroable, cast_slice};
 use std::ops::{Add, Sub};
 
 /// `LANES` complex numbers.
@@ -23,19 +23,13 @@ impl<V: Lanes> Complex<V> {
     #[inline(always)]
     pub(super) fn transpose(from: &[Self], to: &mut [Self]) {
         let (from, to) = (&from[..V::LANES], &mut to[..V::LANES]);
-        let mut rows = [V::zeroed(); MAX_LANES];
-        let rows = &mut rows[..V::LANES];
-        for i in 0..V::LANES {
-            rows[i] = from[i].re;
-        }
-        V::transpose(rows);
-        for i in 0..V::LANES {
-            to[i].re = rows[i];
-            rows[i] = from[i].im;
-        }
-        V::transpose(rows);
-        for i in 0..V::LANES {
-            to[i].im = rows[i];
+        let values: &[f32] = cast_slice(from);
+        for first in (0..V::LANES).step_by(4) {
+            let re = V::transposed_quads(&values[first..], 2 * V::LANES);
+            let im = V::transposed_quads(&values[V::LANES + first..], 2 * V::LANES);
+            for i in 0..4 {
+                to[first + i] = Self { re: re[i], im: im[i] };
+            }
         }
     }
 

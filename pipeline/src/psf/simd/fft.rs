@@ -16,8 +16,9 @@
 use super::complex::Complex;
 use crate::real;
 use crate::simd::lanes::{Dispatch, Lanes, SimdOp};
-use bytemuck::Zeroable;
+use bytemuck::{Zeroable, cast_slice};
 use std::f64::consts::TAU;
+use std::ops::Range;
 
 /// FFTs of one size.
 #[derive(Debug)]
@@ -82,41 +83,46 @@ impl<V: Lanes> Fft<V> {
         }
     }
 
-    /// `sum` += (transform of `data`) · `spectrum`, or `sum` = that product if `first`. Elements from `filled` on are taken as 0
-    /// whatever their value. `data` is left partly transformed.
+    /// `sum` += (transform of `from`, then zeros) · `spectrum`, or `sum` = that product if `first`. `line` holds what is between the stages. `next`, as long as `spectrum` or empty, is prefetched.
     pub(super) fn forward_onto(
         &self,
-        data: &mut [Complex<V>],
-        filled: usize,
-        spectrum: &[Complex<V>],
+        from: &[Complex<V>],
+        line: &mut [Complex<V>],
+        (spectrum, next): (&[Complex<V>], &[Complex<V>]),
         sum: &mut [Complex<V>],
         first: bool,
     ) {
         let [opening, stages @ .., last] = &self.stages[..] else {
             unreachable!("FFT sizes are 64 and more")
         };
-        self.first_butterflies(opening, data, filled);
-        for stage in stages {
-            self.butterflies::<false>(stage, data);
-        }
+        self.first_butterflies(opening, from, line);
         macro_rules! run {
-            ($($r:literal)*) => {
+            ($data:ident, $spectrum:ident, $next:ident, $sum:ident: $($r:literal)*) => {
                 match (last.radix, first) {
-                    $(($r, true) => self.dispatch.run(Accumulate::<V, $r, true> { data, spectrum, sum }),
-                      ($r, false) => self.dispatch.run(Accumulate::<V, $r, false> { data, spectrum, sum }),)*
+                    $(($r, true) => self.dispatch.run(Accumulate::<V, $r, true> { data: $data, spectrum: $spectrum, next: $next, sum: $sum }),
+                      ($r, false) => self.dispatch.run(Accumulate::<V, $r, false> { data: $data, spectrum: $spectrum, next: $next, sum: $sum }),)*
                     _ => unreachable!("radices"),
                 }
             };
         }
-        run!(2 3 4 5 6 8);
+        // Section by section of the first stage: its elements are in L1 for the stages that follow.
+        let sections = line.chunks_exact_mut(opening.arm).zip(spectrum.chunks_exact(opening.arm));
+        let mut next = next.chunks_exact(opening.arm);
+        for ((data, spectrum), sum) in sections.zip(sum.chunks_exact_mut(opening.arm)) {
+            let next = next.next().unwrap_or_default();
+            for stage in stages {
+                self.butterflies::<false>(stage, data);
+            }
+            run!(data, spectrum, next, sum: 2 3 4 5 6 8);
+        }
     }
 
-    fn first_butterflies(&self, stage: &Stage, data: &mut [Complex<V>], filled: usize) {
+    fn first_butterflies(&self, stage: &Stage, from: &[Complex<V>], to: &mut [Complex<V>]) {
         let (arm, twiddles) = (stage.arm, &stage.twiddles[..]);
         macro_rules! run {
             ($($r:literal)*) => {
                 match stage.radix {
-                    $($r => self.dispatch.run(Opening::<V, $r> { data, filled, arm, twiddles }),)*
+                    $($r => self.dispatch.run(Opening::<V, $r> { from, to, arm, twiddles }),)*
                     _ => unreachable!("radices"),
                 }
             };
@@ -175,30 +181,58 @@ impl<V: Lanes, const R: usize, const INVERSE: bool, const TWIDDLE: bool> SimdOp<
     }
 }
 
-/// The first forward stage of data that is 0 from `filled` on.
+/// The first forward stage of data that is 0 beyond `from`.
 struct Opening<'a, V, const R: usize> {
-    data: &'a mut [Complex<V>],
-    filled: usize,
+    from: &'a [Complex<V>],
+    to: &'a mut [Complex<V>],
     arm: usize,
     twiddles: &'a [[f32; 2]],
 }
 
 impl<V: Lanes, const R: usize> SimdOp<V> for Opening<'_, V, R> {
     #[inline(always)]
-    fn run(self) {
-        let section = &mut self.data[..R * self.arm];
-        let mut x = [Complex::zeroed(); R];
-        for (j, w) in self.twiddles.chunks_exact(R - 1).take(self.arm).enumerate() {
-            for (q, x) in x.iter_mut().enumerate() {
-                let at = q * self.arm + j;
-                // SAFETY: q < R and j < arm, so it lies in the R·arm elements of the section.
-                *x = if at < self.filled { unsafe { *section.get_unchecked(at) } } else { Complex::zeroed() };
+    fn run(mut self) {
+        let (full, rest) = (self.from.len() / self.arm, self.from.len() % self.arm);
+        self.butterflies(full + 1, 0..rest);
+        self.butterflies(full, rest..self.arm);
+    }
+}
+
+impl<V: Lanes, const R: usize> Opening<'_, V, R> {
+    /// Those of the elements `range` of the arms, of which the first `arms` have data.
+    #[inline(always)]
+    fn butterflies(&mut self, arms: usize, range: Range<usize>) {
+        macro_rules! run {
+            ($($n:literal)*) => {
+                match arms {
+                    0 => self.of_arms::<0>(range),
+                    $($n if $n <= R => self.of_arms::<$n>(range),)*
+                    _ => unreachable!("there are R arms"),
+                }
+            };
+        }
+        if !range.is_empty() {
+            run!(1 2 3 4 5 6 7 8);
+        }
+    }
+
+    #[inline(always)]
+    fn of_arms<const N: usize>(&mut self, range: Range<usize>) {
+        let (from, to) = (self.from, &mut self.to[..R * self.arm]);
+        let is_filled = N == 0 || from.len() >= (N - 1) * self.arm + range.end;
+        assert!(is_filled && range.end <= self.arm, "the first arms have data");
+        let twiddles = &self.twiddles[range.start * (R - 1)..range.end * (R - 1)];
+        for (j, w) in range.zip(twiddles.chunks_exact(R - 1)) {
+            let mut x = [Complex::zeroed(); R];
+            for (q, x) in x.iter_mut().enumerate().take(N) {
+                // SAFETY: checked above.
+                *x = unsafe { *from.get_unchecked(q * self.arm + j) };
             }
             butterfly::<V, R, false>(&mut x);
             for q in 0..R {
                 let y = if q > 0 { x[q].times(w[q - 1]) } else { x[q] };
-                // SAFETY: as above.
-                unsafe { *section.get_unchecked_mut(q * self.arm + j) = y };
+                // SAFETY: q < R and j < arm, so it lies in the R·arm elements of `to`.
+                unsafe { *to.get_unchecked_mut(q * self.arm + j) = y };
             }
         }
     }
@@ -208,6 +242,7 @@ impl<V: Lanes, const R: usize> SimdOp<V> for Opening<'_, V, R> {
 struct Accumulate<'a, V, const R: usize, const FIRST: bool> {
     data: &'a [Complex<V>],
     spectrum: &'a [Complex<V>],
+    next: &'a [Complex<V>],
     sum: &'a mut [Complex<V>],
 }
 
@@ -216,11 +251,15 @@ impl<V: Lanes, const R: usize, const FIRST: bool> SimdOp<V> for Accumulate<'_, V
     fn run(self) {
         let len = self.sum.len();
         let (data, spectrum) = (&self.data[..len], &self.spectrum[..len]);
+        let next: &[f32] = cast_slice(self.next);
         let mut x = [Complex::zeroed(); R];
         for first in (0..len / R).map(|section| section * R) {
             for (q, x) in x.iter_mut().enumerate() {
                 // SAFETY: first + q < R · ⌊len/R⌋ ≤ len, the length of all three.
                 *x = unsafe { *data.get_unchecked(first + q) };
+            }
+            if !next.is_empty() {
+                prefetch::<V>(next, first, R);
             }
             butterfly::<V, R, false>(&mut x);
             for q in 0..R {
@@ -239,6 +278,26 @@ impl<V: Lanes, const R: usize, const FIRST: bool> SimdOp<V> for Accumulate<'_, V
                 };
             }
         }
+    }
+}
+
+/// Prefetches `count` elements from the element `first` on into L2.
+#[inline(always)]
+fn prefetch<V: Lanes>(from: &[f32], first: usize, count: usize) {
+    const LINE: usize = 16;
+    let (start, end) = (first * 2 * V::LANES, (first + count) * 2 * V::LANES);
+    for at in (start..end).step_by(LINE) {
+        V::prefetch_l2(from, at);
+    }
+}
+
+/// Prefetches elements that are read soon.
+pub(super) struct Prefetch<'a, V>(pub(super) &'a [Complex<V>]);
+
+impl<V: Lanes> SimdOp<V> for Prefetch<'_, V> {
+    #[inline(always)]
+    fn run(self) {
+        prefetch::<V>(cast_slice(self.0), 0, self.0.len());
     }
 }
 

@@ -39,8 +39,10 @@ impl<V: Lanes> Columns<V> {
         self.transform_film((film, film_stride), (rows + tail, place.cols + tail), s);
         let packed = cast_slice_mut::<_, Pixels<V>>(&mut s.packed);
         let panel = cast_slice_mut::<_, Complex<V>>(&mut s.panel);
-        let (film, product) =
-            (cast_slice::<_, Complex<V>>(&s.groups), cast_slice_mut::<_, Complex<V>>(&mut s.sum));
+        let (film, product) = (
+            cast_slice::<_, Complex<V>>(&s.groups[..self.spectrum_len()]),
+            cast_slice_mut::<_, Complex<V>>(&mut s.sum),
+        );
         for (node, weight) in &s.nodes {
             let touches = |extent: &PanelExtent| extent.touches(weight, block_extent.wraps);
             if !s.extents[..panels].iter().any(touches) {
@@ -74,7 +76,7 @@ impl<V: Lanes> Columns<V> {
         s: &mut Scratch,
     ) {
         let panel = cast_slice_mut::<_, Complex<V>>(&mut s.panel);
-        let groups = cast_slice_mut::<_, Complex<V>>(&mut s.groups);
+        let groups = cast_slice_mut::<_, Complex<V>>(&mut s.groups[..self.fft * self.half * 2]);
         for first_column in (0..self.fft).step_by(V::LANES) {
             if first_column >= cols {
                 clear_columns::<V>(groups, self.fft, first_column);
@@ -83,7 +85,7 @@ impl<V: Lanes> Columns<V> {
             let image = &film[first_column..];
             self.dispatch.run(ImageColumns { image, stride, rows, omega: &self.omega, panel });
             self.along_y.forward(panel);
-            self.dispatch.run(ToGroups { panel, groups, fft: self.fft, first_column });
+            self.dispatch.run(ToGroups { panel, groups, stride: self.fft, first_column });
         }
         for group in groups.chunks_exact_mut(self.fft) {
             self.along_x.forward(group);

@@ -44,16 +44,17 @@ impl<V: Lanes> Columns<V> {
         for (image, spectrum) in images.chunks_exact(size.values()).zip(spectra) {
             let panel = cast_slice_mut::<_, Complex<V>>(&mut s.panel);
             let groups = cast_slice_mut::<_, Complex<V>>(&mut s.groups);
+            let line = cast_slice_mut::<_, Complex<V>>(&mut s.line);
             let sum = cast_slice_mut::<_, Complex<V>>(&mut s.sum);
             for first_column in (0..cols).step_by(V::LANES) {
                 let image = &image[first_column..];
                 self.dispatch.run(ImageColumns { image, stride, rows, omega: &self.omega, panel });
                 self.along_y.forward(panel);
-                self.dispatch.run(ToGroups { panel, groups, fft: self.fft, first_column });
+                self.dispatch.run(ToGroups { panel, groups, stride: self.fft, first_column });
             }
-            let products = groups.chunks_exact_mut(self.fft).zip(cast_slice(spectrum).chunks_exact(self.fft));
+            let products = groups.chunks_exact(self.fft).zip(cast_slice(spectrum).chunks_exact(self.fft));
             for ((group, spectrum), sum) in products.zip(sum.chunks_exact_mut(self.fft)) {
-                self.along_x.forward_onto(group, filled, spectrum, sum, first);
+                self.along_x.forward_onto(&group[..filled], line, (spectrum, &[]), sum, first);
             }
             first = false;
         }
@@ -73,8 +74,10 @@ impl<V: Lanes> Columns<V> {
         let (ImageSize { rows, cols, stride }, tail) = (size, self.window - 1);
         self.transform_film(film, (rows + tail, cols + tail), s);
         let panel = cast_slice_mut::<_, Complex<V>>(&mut s.panel);
-        let (film, product) =
-            (cast_slice::<_, Complex<V>>(&s.groups), cast_slice_mut::<_, Complex<V>>(&mut s.sum));
+        let (film, product) = (
+            cast_slice::<_, Complex<V>>(&s.groups[..self.spectrum_len()]),
+            cast_slice_mut::<_, Complex<V>>(&mut s.sum),
+        );
         for (image, spectrum) in images.chunks_exact_mut(size.values()).zip(spectra) {
             let groups = film.chunks_exact(self.fft).zip(cast_slice(spectrum).chunks_exact(self.fft));
             for ((film, spectrum), to) in groups.zip(product.chunks_exact_mut(self.fft)) {
