@@ -80,13 +80,18 @@ impl AlignedBuf {
 
     /// Resizes to `len` zeros, keeping the allocation where it is large enough.
     pub fn reset(&mut self, len: usize) {
+        self.resize(len);
+        self.fill(0.0);
+    }
+
+    /// Resizes to `len` values, those of before or zeros, keeping the allocation where it is large enough.
+    pub fn resize(&mut self, len: usize) {
         match &mut self.memory {
             Memory::Heap(lines) => lines.resize(len.div_ceil(16), Line::zeroed()),
             Memory::Mapped(pages) if len * size_of::<f32>() <= pages.0.len() => (),
             Memory::Mapped(_) => self.memory = Memory::Heap(vec![Line::zeroed(); len.div_ceil(16)]),
         }
         self.len = len;
-        self.fill(0.0);
     }
 }
 

@@ -67,6 +67,18 @@ impl<K: Copy + Eq + Hash, V> Lru<K, V> {
         self.bytes -= entry.bytes;
         Some(entry.value)
     }
+
+    /// Removes the entries whose keys are `unwanted`.
+    pub fn remove_where(&mut self, unwanted: impl Fn(K) -> bool) -> Vec<V> {
+        let keys: Vec<K> = self.by_age.values().copied().filter(|key| unwanted(*key)).collect();
+        let removed = keys.into_iter().filter_map(|key| self.entries.remove(&key));
+        let removed: Vec<Entry<V>> = removed.collect();
+        for entry in &removed {
+            self.by_age.remove(&entry.last_use);
+            self.bytes -= entry.bytes;
+        }
+        removed.into_iter().map(|entry| entry.value).collect()
+    }
 }
 
 #[cfg(test)]
@@ -81,5 +93,17 @@ mod tests {
         assert_eq!((lru.count(), lru.bytes()), (3, 24));
         let removed: Vec<u64> = std::iter::from_fn(|| lru.pop_oldest()).collect();
         assert_eq!((removed, lru.bytes(), lru.contains(0)), (vec![10, 20, 0], 0, false));
+    }
+
+    #[test]
+    fn unwanted_entries_are_removed() {
+        let mut lru = Lru::default();
+        (0..6u64).for_each(|key| lru.insert(key, key * 10, 8));
+        lru.get(1);
+        let mut removed = lru.remove_where(|key| key % 2 == 1);
+        removed.sort_unstable();
+        assert_eq!((removed, lru.count(), lru.bytes()), (vec![10, 30, 50], 3, 24));
+        let left: Vec<u64> = std::iter::from_fn(|| lru.pop_oldest()).collect();
+        assert_eq!((left, lru.bytes(), lru.contains(1)), (vec![0, 20, 40], 0, false));
     }
 }

@@ -45,7 +45,7 @@ pub struct StageScratch {
 impl<'a> StageCompute<'a> {
     /// For the film of `frame`, with a cache of `spectra_bytes` for node spectra; `prepare` constructs the stages of a band.
     pub fn new(frame: Frame, spectra_bytes: usize, prepare: &'a Prepare<'a>) -> Self {
-        Self::with_spectra(frame, Arc::new(SpectrumCache::new(spectra_bytes)), prepare)
+        Self::with_spectra(frame, Arc::new(SpectrumCache::in_turn(spectra_bytes)), prepare)
     }
 
     /// As [`StageCompute::new`], with `spectra` that other computations with the same stages have used.

@@ -103,7 +103,7 @@ impl Portable {
         }
         self.columns_forward(self.window, s);
         let mut out = buffer;
-        out.reset(self.spectrum_len());
+        out.resize(self.spectrum_len());
         out.copy_from_slice(bytemuck::cast_slice(&s.transposed));
         out
     }

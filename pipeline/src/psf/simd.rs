@@ -115,13 +115,11 @@ impl<V: Lanes> Columns<V> {
 
     /// Spectrum of a kernel (window × window) whose first sample is at the origin, in the memory of `buffer`.
     pub(crate) fn spectrum(&self, kernel: &[f32], s: &mut Scratch, buffer: AlignedBuf) -> AlignedBuf {
-        let (n, lanes) = (self.window, V::LANES);
+        let (n, filled) = (self.window, self.window.next_multiple_of(V::LANES));
         let norm = 2.0 / (self.fft * self.fft) as f32;
-        let mut spectrum = buffer;
-        spectrum.reset(self.spectrum_len());
-        let groups: &mut [Complex<V>] = cast_slice_mut(&mut spectrum);
-        for first_column in (0..n).step_by(lanes) {
-            let panel: &mut [Complex<V>] = cast_slice_mut(&mut s.panel);
+        let (panel, groups): (&mut [Complex<V>], &mut [Complex<V>]) =
+            (cast_slice_mut(&mut s.panel), cast_slice_mut(&mut s.groups));
+        for first_column in (0..n).step_by(V::LANES) {
             self.dispatch.run(KernelColumns {
                 kernel,
                 window: n,
@@ -131,10 +129,13 @@ impl<V: Lanes> Columns<V> {
                 panel,
             });
             self.along_y.forward(panel);
-            self.dispatch.run(ToGroups { panel, groups, stride: self.fft, first_column });
+            self.dispatch.run(ToGroups { panel, groups, stride: filled, first_column });
         }
-        for group in groups.chunks_exact_mut(self.fft) {
-            self.along_x.forward(group);
+        let mut spectrum = buffer;
+        spectrum.resize(self.spectrum_len());
+        let lines = cast_slice_mut(&mut spectrum).chunks_exact_mut(self.fft);
+        for (from, line) in groups.chunks_exact(filled).zip(lines) {
+            self.along_x.forward_from(from, line);
         }
         spectrum
     }

@@ -7,6 +7,7 @@
 
 use crate::buffer::AlignedBuf;
 use crate::lru::Lru;
+use std::collections::VecDeque;
 use std::sync::{Arc, Mutex, MutexGuard, OnceLock};
 
 /// (band index, node id).
@@ -39,35 +40,76 @@ struct Cache(Mutex<State>);
 struct State {
     entries: Lru<SpectrumKey, Entry>,
     built: u64,
+    /// Evicted buffers, for reuse, and their bytes.
     retired: Vec<Arc<AlignedBuf>>,
+    retired_bytes: usize,
+    /// Of a cache for bands in turn: the last two.
+    latest: Option<VecDeque<usize>>,
 }
 
-/// Largest number of evicted buffers kept for reuse; some may still be in use by a block.
-const MAX_RETIRED: usize = 8;
+/// Number of evicted buffers that are kept for reuse in any case; some may still be in use by a block.
+const MIN_RETIRED: usize = 8;
 /// Size from which on buffers have pages of their own, bytes.
 const MAPPED: usize = 32 << 10;
 
 impl State {
-    fn evict(&mut self, limit: usize) {
-        while self.entries.bytes() > limit && self.entries.count() > 1 {
-            let spectrum = self.entries.pop_oldest().and_then(Arc::into_inner).and_then(OnceLock::into_inner);
-            if self.retired.len() < MAX_RETIRED {
-                self.retired.extend(spectrum);
-            }
+    /// Evicts the entries of all bands but `band` and the one before it, of a cache for bands in turn.
+    fn begin(&mut self, band: usize) {
+        let Some(latest) = self.latest.as_mut().filter(|latest| !latest.contains(&band)) else { return };
+        latest.push_back(band);
+        if latest.len() > 2 {
+            latest.pop_front();
+            let latest = latest.clone();
+            let over = self.entries.remove_where(|(band, _)| !latest.contains(&band));
+            over.into_iter().for_each(|entry| self.retire(entry));
         }
+    }
+
+    fn evict(&mut self, limit: usize) {
+        while self.entries.bytes() > limit
+            && self.entries.count() > 1
+            && let Some(entry) = self.entries.pop_oldest()
+        {
+            self.retire(entry);
+        }
+    }
+
+    fn retire(&mut self, entry: Entry) {
+        if let Some(buffer) = Arc::into_inner(entry).and_then(OnceLock::into_inner) {
+            self.retired_bytes += buffer.bytes();
+            self.retired.push(buffer);
+        }
+    }
+
+    /// A retired buffer, which is no longer counted as one.
+    fn take_retired(&mut self, at: usize) -> Arc<AlignedBuf> {
+        let buffer = self.retired.swap_remove(at);
+        self.retired_bytes -= buffer.bytes();
+        buffer
     }
 
     /// A retired buffer of `bytes` that is no longer in use, or a new one. Those of another size, of another band, are freed: a spectrum in a
     /// larger buffer would take more memory than is counted.
     fn buffer(&mut self, bytes: usize) -> AlignedBuf {
         for i in (0..self.retired.len()).rev() {
-            match Arc::try_unwrap(self.retired.swap_remove(i)) {
+            match Arc::try_unwrap(self.take_retired(i)) {
                 Ok(buffer) if buffer.bytes() == bytes.next_multiple_of(64) => return buffer,
                 Ok(_) => (),
-                Err(in_use) => self.retired.push(in_use),
+                Err(in_use) => {
+                    self.retired_bytes += in_use.bytes();
+                    self.retired.push(in_use);
+                }
             }
         }
         if bytes < MAPPED { AlignedBuf::default() } else { AlignedBuf::mapped(bytes) }
+    }
+
+    /// Frees retired buffers, those of a cache for bands in turn that exceed `limit` together with its entries.
+    fn free_retired(&mut self, limit: usize) {
+        let within = if self.latest.is_some() { limit } else { 0 };
+        while self.retired.len() > MIN_RETIRED && self.entries.bytes() + self.retired_bytes > within {
+            drop(self.take_retired(0));
+        }
     }
 }
 
@@ -75,6 +117,13 @@ impl SpectrumCache {
     /// A cache of at most `limit` bytes, not counting evicted buffers still in use.
     pub fn new(limit: usize) -> Self {
         Self { limit, spectra: Cache::default(), base_kernels: Cache::default(), psfs: Cache::default() }
+    }
+
+    /// As [`SpectrumCache::new`], for bands that are computed one after the other, as those of a run: when a band begins, the buffers of the spectra of the
+    /// band before the previous one are used for its own, so that no further memory is touched for the first time.
+    pub fn in_turn(limit: usize) -> Self {
+        let spectra = State { latest: Some(VecDeque::new()), ..State::default() };
+        Self { spectra: Cache(Mutex::new(spectra)), ..Self::new(limit) }
     }
 
     /// The spectrum of `key`, `bytes` long; if absent, built by `build` from a buffer to reuse.
@@ -149,11 +198,13 @@ impl Cache {
             match state.entries.get(key) {
                 Some(entry) => Arc::clone(entry),
                 None => {
-                    let entry = Entry::default();
+                    let (entry, limit) = (Entry::default(), limit());
+                    state.begin(key.0);
                     state.entries.insert(key, Arc::clone(&entry), bytes);
                     state.built += 1;
-                    state.evict(limit());
+                    state.evict(limit);
                     buffer = state.buffer(bytes);
+                    state.free_retired(limit);
                     entry
                 }
             }
@@ -222,6 +273,30 @@ mod tests {
         cache.base_kernel((1, 0), (64, 3 * 64), |_| unreachable!("all of the band are kept"));
         cache.base_kernel((0, 0), (64, 3 * 64), |_| unreachable!("used last of the band before"));
         assert_eq!(cache.base_kernels.bytes(), 3 * 64);
+    }
+
+    #[test]
+    fn buffers_of_the_band_before_the_previous_one_are_reused() {
+        let cache = SpectrumCache::in_turn(64 * 1024);
+        let filled = |mut b: AlignedBuf| {
+            b.reset(256);
+            b
+        };
+        let at = |band: usize| -> Vec<*const f32> {
+            (0..20).map(|i| cache.get((band, i), 1024, filled).as_ptr()).collect()
+        };
+        let first = at(0);
+        let second = at(1);
+        assert_eq!(cache.spectra.bytes(), 40 * 1024, "two bands");
+        assert!(!second.iter().any(|p| first.contains(p)));
+        assert!(at(2).iter().all(|p| first.contains(p)));
+        assert_eq!(cache.spectra.bytes(), 40 * 1024, "the last two");
+        assert_eq!(at(1), second, "still there");
+        assert_eq!(cache.built(), 60);
+        // Of the limit, buffers that are kept for reuse take what spectra leave: a smaller band keeps those of a larger one.
+        cache.get((3, 0), 1024, filled);
+        let state = cache.spectra.lock();
+        assert_eq!((state.entries.bytes(), state.retired_bytes), (21 * 1024, 19 * 1024));
     }
 
     #[test]

@@ -76,6 +76,15 @@ impl<V: Lanes> Fft<V> {
         }
     }
 
+    /// The transform of `from`, then zeros, to `line`; output in digit-reversed order.
+    pub(super) fn forward_from(&self, from: &[Complex<V>], line: &mut [Complex<V>]) {
+        let (opening, stages) = self.stages.split_first().expect("FFT sizes are 64 and more");
+        self.first_butterflies(opening, from, line);
+        for stage in stages {
+            self.butterflies::<false>(stage, line);
+        }
+    }
+
     /// In place; input in digit-reversed order.
     pub(super) fn inverse(&self, data: &mut [Complex<V>]) {
         for stage in self.stages.iter().rev() {
