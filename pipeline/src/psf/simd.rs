@@ -36,7 +36,6 @@ use block::{
 use bytemuck::{cast_slice, cast_slice_mut};
 use complex::Complex;
 use fft::{Fft, Prefetch};
-use std::iter::{once, repeat};
 use std::sync::Arc;
 
 /// Transforms of one FFT size, one column per lane of `V`.
@@ -154,27 +153,26 @@ impl<V: Lanes> Columns<V> {
     ) {
         let (rows, cols) = (block.place.rows, block.place.cols);
         let panels = cols.div_ceil(V::LANES);
-        let PolarExtent { wraps, .. } = self.touching(block, grid, s);
+        let extent = self.pack(block, grid, s);
+        self.touching(&extent, panels, grid, s);
         if s.nodes.is_empty() {
             return; // all pixels are 0
         }
         let nodes = std::mem::take(&mut s.nodes);
-        for (batch, first) in nodes.chunks(self.batch(panels)).zip(once(true).chain(repeat(false))) {
+        for (i, batch) in nodes.chunks(self.batch(panels)).enumerate() {
             let held: Vec<_> = batch.iter().map(|(node, _)| spectra.get(*node)).collect();
-            self.transform_weighted(batch, &held, (rows, panels), wraps, s);
-            self.accumulate(&held, panels, first, s);
+            self.transform_weighted(batch, &held, (rows, panels), extent.wraps, s);
+            self.accumulate(&held, panels, i == 0, s);
         }
         s.nodes = nodes;
         self.add_inverse((rows, cols), out, out_stride, s);
     }
 
-    /// Packs the block, and keeps in `s.nodes` those whose weight may be above 0 at a pixel of it that is not 0.
-    fn touching(&self, block: &BlockView<'_>, grid: &NodeGrid, s: &mut Scratch) -> PolarExtent {
-        let extent = self.pack(block, grid, s);
-        grid.touching(&extent, &mut s.nodes);
-        let panels = &s.extents[..block.place.cols.div_ceil(V::LANES)];
+    /// Collects in `s.nodes` those whose weight may be above 0 at a pixel that is not 0 of a packed block, of `extent` and as many `panels`.
+    fn touching(&self, extent: &PolarExtent, panels: usize, grid: &NodeGrid, s: &mut Scratch) {
+        grid.touching(extent, &mut s.nodes);
+        let panels = &s.extents[..panels];
         s.nodes.retain(|(_, weight)| panels.iter().any(|panel| panel.touches(weight, extent.wraps)));
-        extent
     }
 
     /// Number of nodes whose weighted copies of a block of `panels` panels are transformed together.

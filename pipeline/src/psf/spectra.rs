@@ -58,10 +58,9 @@ impl State {
         let Some(latest) = self.latest.as_mut().filter(|latest| !latest.contains(&band)) else { return };
         latest.push_back(band);
         if latest.len() > 2 {
-            latest.pop_front();
-            let latest = latest.clone();
-            let over = self.entries.remove_where(|(band, _)| !latest.contains(&band));
-            over.into_iter().for_each(|entry| self.retire(entry));
+            let done = latest.pop_front();
+            let entries = self.entries.remove_where(|(band, _)| Some(band) == done);
+            entries.into_iter().for_each(|entry| self.retire(entry));
         }
     }
 
@@ -76,9 +75,13 @@ impl State {
 
     fn retire(&mut self, entry: Entry) {
         if let Some(buffer) = Arc::into_inner(entry).and_then(OnceLock::into_inner) {
-            self.retired_bytes += buffer.bytes();
-            self.retired.push(buffer);
+            self.keep(buffer);
         }
+    }
+
+    fn keep(&mut self, buffer: Arc<AlignedBuf>) {
+        self.retired_bytes += buffer.bytes();
+        self.retired.push(buffer);
     }
 
     /// A retired buffer, which is no longer counted as one.
@@ -95,10 +98,7 @@ impl State {
             match Arc::try_unwrap(self.take_retired(i)) {
                 Ok(buffer) if buffer.bytes() == bytes.next_multiple_of(64) => return buffer,
                 Ok(_) => (),
-                Err(in_use) => {
-                    self.retired_bytes += in_use.bytes();
-                    self.retired.push(in_use);
-                }
+                Err(in_use) => self.keep(in_use),
             }
         }
         if bytes < MAPPED { AlignedBuf::default() } else { AlignedBuf::mapped(bytes) }

@@ -35,7 +35,7 @@ impl<V: Lanes> Columns<V> {
         let block_extent = self.pack(&BlockView { pixels: out, stride, place: *place }, grid, s);
         // A pixel of 0 has a film, too.
         s.extents[..panels].iter_mut().for_each(|extent| extent.nonzero = true);
-        grid.touching(&block_extent, &mut s.nodes);
+        self.touching(&block_extent, panels, grid, s);
         self.transform_film((film, film_stride), (rows + tail, place.cols + tail), s);
         let packed = cast_slice_mut::<_, Pixels<V>>(&mut s.packed);
         let panel = cast_slice_mut::<_, Complex<V>>(&mut s.panel);
@@ -45,9 +45,6 @@ impl<V: Lanes> Columns<V> {
         );
         for (node, weight) in &s.nodes {
             let touches = |extent: &PanelExtent| extent.touches(weight, block_extent.wraps);
-            if !s.extents[..panels].iter().any(touches) {
-                continue;
-            }
             let spectrum = spectra.get(*node);
             let spectrum: &[Complex<V>] = cast_slice(&spectrum);
             let groups = film.chunks_exact(self.fft).zip(spectrum.chunks_exact(self.fft));
